@@ -60,17 +60,6 @@ def test_a_damaged_record_is_one_sentence(folder, trainer):
         assert (folder / hardware.FILE).read_text() == text
 
 
-def test_the_name_of_a_cpu_is_its_model(tmp_path, monkeypatch):
-    monkeypatch.setattr(hardware, "CPUS", tmp_path / "cpuinfo")
-    (tmp_path / "cpuinfo").write_text(
-        "processor\t: 0\nmodel name\t: A CPU: fast\nmodel name\t: B\n"
-    )
-    assert device_name(torch.device("cpu")) == "A CPU: fast"
-    (tmp_path / "cpuinfo").unlink()
-    monkeypatch.setattr("platform.processor", lambda: "arm")
-    assert device_name(torch.device("cpu")) == "arm"
-
-
 def test_facts_name_each_change_of_hardware_and_software():
     config, measures = tiny(), {"hypervolume": 1.0}
     assert "trained on" not in facts(config, None, measures)

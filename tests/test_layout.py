@@ -5,7 +5,6 @@ import pytest
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.envs.robots.planar import Planar
 
 MARKOVIAN = [name for name in envs.names() if name != "bruce"]  # bruce observes a history of states
 TASKS = {name: {} for name in MARKOVIAN} | {"humanoid with hands": {"extremities": True}}
@@ -41,12 +40,6 @@ def names(kind: str, joint: str, free: tuple[str, ...], type: int) -> tuple[str,
     if type == mujoco.mjtJoint.mjJNT_FREE:
         return tuple(f"{kind}.{joint}.{name}" for name in free)
     return (f"{kind}.{joint}",)
-
-
-def test_the_layout_covers_the_observation_with_unique_names(env):
-    parts = env.layout()
-    assert sum(part.size for part in parts) == env.observation_size
-    assert len({part.name for part in parts}) == len(parts)
 
 
 def test_a_position_changes_only_the_part_named_after_it(env):
@@ -89,11 +82,6 @@ def test_a_layout_of_the_wrong_size_is_rejected(monkeypatch):
     monkeypatch.setattr(hopper, "layout", lambda self: [envs.Part("height", 1, "m")])
     with pytest.raises(MorlaxError, match=r"layout\(\) names 1 numbers, but observe\(\) gives 13"):
         envs.make("hopper", 1, "cpu")
-
-
-def test_the_default_layout_has_one_part(monkeypatch):
-    monkeypatch.delattr(Planar, "layout")
-    assert envs.make("hopper", 1, "cpu").layout() == [("observation", 13, "")]
 
 
 def test_a_ball_joint_has_a_quaternion_and_an_angular_velocity():

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from morlax_torch.viewers.camera import FollowingCamera, direction, reach, shown_geoms
+from morlax_torch.viewers.camera import FollowingCamera, reach, shown_geoms
 from morlax_torch.viewers.filming.rendering import Scene
 
 GEOM = mujoco.mjtObj.mjOBJ_GEOM
@@ -113,40 +113,6 @@ def test_the_user_s_own_sky_light_and_floor_are_kept():
     assert image[-1, 0, 1] > 3 * image[-1, 0, 2]  # a green floor
     model.stat.extent = reach(model, data)[1]  # what a film sets in its own copy
     np.testing.assert_array_equal(image, undecorated(model, data))
-
-
-@pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize(
-    ("world", "ground"),
-    [
-        ("", True),
-        ('<geom type="plane" size="0 0 1" pos="0 0 -1"/>', False),
-        ('<geom type="box" size="9 9 0.1" pos="0 0 -1"/>', False),  # a wide box is a floor
-    ],
-)
-def test_a_ground_is_drawn_below_the_robot_where_there_is_none(world, ground):
-    model, data = built(world)
-    low, size = reach(model, data)
-    assert -0.8 < low < -0.6  # the pole can hang down
-    assert 1.2 < size < 1.6  # the rail is not the robot
-    with Scene(model, 64, 64) as scene:
-        assert (scene._ground is not None) == ground
-
-
-def test_a_model_without_anything_to_show_has_looks_too():
-    model = mujoco.MjModel.from_xml_string("<mujoco/>")
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    following = filmed(model, data, 1.0)
-    following.follow(data, 0.02)
-    assert 0 < following.camera.distance < 10
-
-
-def test_a_planar_robot_is_seen_from_its_side():
-    assert direction(built()[0])[0] == 90
-    across = CART_POLE.replace('axis="1 0 0"', 'axis="0 1 0"').replace('"0 1 0"/>\n', '"1 0 0"/>\n')
-    across = across.replace('type="slide" axis="1 0 0"', 'type="slide" axis="0 1 0"')
-    assert direction(mujoco.MjModel.from_xml_string(across.format(world="", head="")))[0] == 180
 
 
 def test_the_camera_follows_a_fast_cart_and_shows_its_jumps():

@@ -149,11 +149,8 @@ def test_tuned_values_fit_the_task_and_the_device(env):
 
 MISTAKES = [
     ("mjlab:Mjlab-Velocity-Flat-Unitree-Go2", {}, "did you mean 'Mjlab-Velocity-Flat-Unitree-Go1'"),
-    ("mjlab:nowhere.tasks:Mine", {}, "cannot import nowhere.tasks"),
     ("mjlab:Mjlab-Tracking-Flat-Unitree-G1", {}, "--task.motion-file FILE.npz"),
-    (CARTPOLE, {"objectives": {"a": {"smooth": 1.0}, "b": {}}}, "unknown reward term 'smooth'"),
     (GO1, {"commands": {"twist.speed": (0.0, 1.0)}}, "range of the command twist 'speed'"),
-    (GO1, {"commands": {"spin.x": (0.0, 1.0)}}, "unknown command 'spin'"),
 ]
 
 
@@ -220,31 +217,6 @@ def test_an_exported_policy_moves_the_joints_as_mjlab_does(go1_run, tmp_path):
     np.testing.assert_allclose(target, term._processed_actions[0], rtol=0, atol=1e-5)
     assert [row["joint"] for row in facts["actuators"]] == term.target_names
     assert facts["control_rate_hz"] == 50
-
-
-def test_the_wrapper_for_rsl_rl_is_a_vectorized_environment():
-    from mjlab.envs import ManagerBasedRlEnv
-    from mjlab.rl import RslRlVecEnvWrapper
-    from mjlab.tasks.registry import load_env_cfg
-
-    def make_env(num_envs, device, seed):
-        cfg = load_env_cfg("Mjlab-Cartpole-Balance")
-        cfg.scene.num_envs, cfg.seed = num_envs, seed
-        cfg.episode_length_s = 4 * cfg.sim.mujoco.timestep * cfg.decimation
-        return RslRlVecEnvWrapper(ManagerBasedRlEnv(cfg, device=str(device)))
-
-    def read_terms(env, extras):
-        paid = env.unwrapped.reward_manager._step_reward[:, 0] * env.unwrapped.step_dt
-        return {"smooth_reward": paid, "still": -paid}
-
-    objectives = {"balance": {"smooth_reward": 1.0}, "fall": {"still": 1.0}}
-    envs.register("vec-cartpole", envs.from_vecenv(make_env, read_terms, objectives, None, 4))
-    env = envs.make("vec-cartpole", 3, "cpu")
-    for number in range(1, 9):
-        step = env.step(noise(env))
-        torch.testing.assert_close(step.reward[:, 0], env.env.unwrapped.reward_buf)
-        torch.testing.assert_close(step.reward[:, 1], -step.reward[:, 0])
-        assert step.truncated.all() == (number % 4 == 0) and not step.terminated.any()
 
 
 def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys):
@@ -328,7 +300,12 @@ class NoCopies(TorchFunctionMode):
 
 @pytest.mark.parametrize("name", [GO1, G1])
 def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
-    own, ours = (calm(name, 3, pushed=True, episode_length_s=0.4) for _ in range(2))
+    def limited(cfg: Any) -> None:
+        (action,) = cfg.actions.values()
+        action.clip = {".*": (-0.5, 0.5)}
+
+    options = {"pushed": True, "edit": limited, "episode_length_s": 0.4}
+    own, ours = (calm(name, 3, **options) for _ in range(2))
     ages = torch.tensor([0, 7, 13])  # of episodes of 20 steps
     for env in (own, ours):
         env.episode_length_buf.copy_(ages)

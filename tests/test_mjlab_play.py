@@ -10,7 +10,6 @@ from calm import calm
 
 from morlax_torch import load
 from morlax_torch.commands import export
-from morlax_torch.viewers.filming.recording import record
 from morlax_torch.viewers.playing.deployment import open_export
 from morlax_torch.viewers.playing.episodes import run, summary
 from morlax_torch.viewers.playing.robot import Disturbances, Robot
@@ -46,12 +45,6 @@ def test_every_step_equals_one_of_mjlab(exported, name):
         groups, *_ = env.step(torch.tensor(config.task.action_scale * expected[None]).float())
         seen = groups["actor"]
     assert robot.velocity()[0] > 0.4  # it walks: the comparison is not one of two heaps
-
-
-def test_it_can_be_filmed(tmp_path):
-    file = tmp_path / "strip.png"
-    record(load("g1"), file, tradeoffs=[(1, 0, 0, 0)], seconds=0.1, width=64, height=64, pictures=2)
-    assert file.stat().st_size > 1000
 
 
 def test_gains_limits_and_order_are_those_of_the_robot(exported):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import MorlaxError
 from morlax_torch.adapters.morl_baselines import MorlBaselinesAgent
 from morlax_torch.host.resources import one_thread
 from morlax_torch.runs.evaluating import evaluate
@@ -27,30 +27,6 @@ def test_the_agent_s_action_equals_the_policy_s(make_policy):
         agent.eval(seen, (1.0,))
 
 
-def test_policy_evaluation_mo_gives_the_returns_of_the_worlds(make_policy):
-    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
-    policy, tradeoff = make_policy("hopper"), np.array([0.25, 0.75])
-    worlds = envs.make("hopper", 1, "cpu", episode_length=60)
-    returns, discounted, seen, over = np.zeros(2), np.zeros(2), worlds.reset(), False
-    for t in range(60):
-        step = worlds.step(policy(seen, tradeoff))
-        if not over:
-            returns += step.reward[0].numpy()
-            discounted += 0.9**t * step.reward[0].numpy()
-        over, seen = over or bool(step.terminated | step.truncated), step.observation
-
-    scalar, scalar_discounted, vector, vector_discounted = evaluation.policy_evaluation_mo(
-        MorlBaselinesAgent(policy, gamma=0.9),
-        gymnasium.make(TASK, episode_length=60),
-        w=tradeoff,
-        rep=2,
-    )
-    np.testing.assert_allclose(vector, returns, rtol=1e-4)
-    np.testing.assert_allclose(vector_discounted, discounted, rtol=1e-4)
-    assert scalar == pytest.approx(tradeoff @ returns, rel=1e-4)
-    assert scalar_discounted == pytest.approx(tradeoff @ discounted, rel=1e-4)
-
-
 def test_the_discounted_protocol_gives_what_morl_baselines_measures_in_mo_gymnasium(make_policy):
     evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
     mo_gymnasium = pytest.importorskip("mo_gymnasium")
@@ -66,41 +42,19 @@ def test_the_discounted_protocol_gives_what_morl_baselines_measures_in_mo_gymnas
             np.testing.assert_allclose(returns, discounted, rtol=1e-3)
 
 
-def gpi_ls(env: gymnasium.Env, **small):
+@pytest.mark.slow
+def test_an_agent_trains_and_is_evaluated_under_float64_weights(tmp_path, monkeypatch):
+    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
     from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPIPDContinuousAction
 
-    agent = GPIPDContinuousAction(env, dyna=False, **small)
-    each = {"timesteps_per_iter": 15, "eval_freq": 15, "num_eval_episodes_for_front": 1}
-    agent.train(30, eval_env=env, ref_point=np.zeros(2), **each)
-    return agent
-
-
-def capql(env: gymnasium.Env, **small):
-    from morl_baselines.multi_policy.capql.capql import CAPQL
-
-    agent = CAPQL(env, **small)
-    agent.train(30, eval_env=env, ref_point=np.zeros(2))
-    return agent
-
-
-def mosac(env: gymnasium.Env, **small):
-    from morl_baselines.single_policy.ser.mosac_continuous_action import MOSAC
-
-    agent = MOSAC(env, weights=np.array([0.7, 0.3]), **small)
-    agent.train(30, eval_env=env)
-    return agent
-
-
-@pytest.mark.parametrize("train", [capql, gpi_ls, mosac])
-@pytest.mark.slow
-def test_agents_train_and_are_evaluated_under_float64_weights(train, tmp_path, monkeypatch):
-    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
     monkeypatch.chdir(tmp_path)  # agents save themselves in the working directory
     env = gymnasium.make(TASK, episode_length=20)
     small = {"net_arch": [8, 8], "batch_size": 8, "learning_starts": 20, "log": False}
+    each = {"timesteps_per_iter": 15, "eval_freq": 15, "num_eval_episodes_for_front": 1}
     tradeoff = np.array([0.7, 0.3])
     with one_thread(torch.device("cpu")):
-        agent = train(env, device="cpu", **small)
+        agent = GPIPDContinuousAction(env, dyna=False, device="cpu", **small)
+        agent.train(30, eval_env=env, ref_point=np.zeros(2), **each)
         scalar, _, returns, _ = evaluation.policy_evaluation_mo(agent, env, tradeoff, rep=1)
     assert returns.shape == (2,) and np.isfinite(returns).all()
     assert scalar == pytest.approx(tradeoff @ returns)

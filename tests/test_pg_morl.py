@@ -140,18 +140,6 @@ def test_changes_that_follow_the_model_are_predicted(m):
         assert np.abs(error[seen]).max() < 0.5
 
 
-def test_predictions_follow_the_stretches_near_each_policy():
-    _, weights, change = history(40, 2)
-    before = np.repeat([[100.0, 100.0], [1000.0, 1000.0]], 20, 0)
-    change[20:] *= -0.1
-    change[20:, :] = change[20:].mean(0)
-    points, candidates = np.array([[100.0, 100], [1000, 1000]]), np.full((2, 1, 2), 0.5)
-    predicted = prediction.predict(before, weights, change, points, candidates)[:, 0]
-    expected = hyperbolic(np.array(0.5), 20, 6, 0.3, 4), hyperbolic(np.array(0.5), 25, 7, 0.3, 3)
-    assert predicted[0] - 100 == pytest.approx(expected, abs=0.5)
-    assert predicted[1] - 1000 == pytest.approx(change[20])
-
-
 def slow_neighborhood(
     before: np.ndarray, weights: np.ndarray, change: np.ndarray, point: np.ndarray
 ) -> dict[int, float]:
@@ -182,20 +170,6 @@ def test_neighborhoods_equal_a_slow_search(m, kinds):
         near = prediction.neighborhood(np.abs(before - point) / extent, numbers)
         found = dict(zip(near[0].tolist(), near[1], strict=True))
         assert found == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("m", (2, 3))
-def test_predictions_scale_with_the_units_of_the_returns(m):
-    before, weights, change = history(50, m, noise=3)
-    random = np.random.default_rng(1)
-    points = random.uniform(95, 105, (6, m))
-    candidates = random.dirichlet(np.ones(m), (6, 5))
-    predicted = prediction.predict(before, weights, change, points, candidates)
-    units = 10.0 ** np.arange(-3, 3 * m - 3, 3)
-    scaled = prediction.predict(before * units, weights, change * units, points * units, candidates)
-    assert scaled / units == pytest.approx(predicted, rel=1e-6)
-    moved = prediction.predict(before - 100, weights, change, points - 100, candidates)
-    assert moved + 100 == pytest.approx(predicted, rel=1e-6)
 
 
 @pytest.mark.parametrize("m", (2, 3))
@@ -249,28 +223,6 @@ def test_selection_equals_a_slow_greedy_one(m, alpha, size):
     archive = np.vstack([archive, below])
     chosen = selection.select(archive, predicted, 6, reference, alpha).tolist()
     assert chosen == slow_selection(archive, predicted, 6, reference, alpha)
-
-
-def test_predictions_that_add_nothing_are_selected_by_the_improvement_they_need():
-    archive = [[4, 4]]
-    predicted = [[1, 1], [3, 2], [-1, 9], [3.5, 3], [2, 2]]
-    chosen = selection.select(archive, predicted, 5, [0, 0], 1.0).tolist()
-    assert chosen == [3, 1, 2, 4, 0]  # by 0.5, 1, 1, 2 and 3; of equal ones the first
-    copied = [[3, 3], [3, 3], [3, 3], [4, 1], [1, 4]]
-    assert selection.select([[2, 2]], copied, 5, [0, 0], 0.0).tolist() == [0, 3, 4, 1, 2]
-    below = selection.select(np.zeros((0, 2)), [[-5, 1], [-1, -1], [-3, 9]], 2, [0, 0], 1.0)
-    assert below.tolist() == [1, 2]
-    assert selection.select([[0, 0]], [[0, 0]], 1, [0, 0], 1.0).tolist() == [0]
-
-
-@pytest.mark.parametrize("m", (2, 3, 5))
-def test_predictions_that_are_not_finite_are_not_selected(m):
-    predicted = np.concatenate([np.full((1, m), NAN), sphere(3, m), np.full((1, m), np.inf)])
-    archive = np.stack([np.full(m, 0.1), np.full(m, NAN)])
-    chosen = selection.select(archive, predicted, 9, np.zeros(m), 1.0)
-    assert sorted(chosen.tolist()) == [1, 2, 3]
-    assert selection.select(np.ones((1, m)), predicted[:1], 2, np.zeros(m), 1.0).tolist() == []
-    assert selection.select(np.ones((1, m)), predicted[:0], 2, np.zeros(m), 1.0).tolist() == []
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
@@ -372,17 +324,6 @@ def test_policies_that_return_to_training_are_what_was_stored():
     assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
     means = learner.agent.observation_normalizer.mean[: learner._archived]
     assert len(means.unique(dim=0)) > 1
-
-
-@pytest.mark.parametrize(("task", "device"), [("cheetah", "cpu"), ("hopper", "cuda")])
-def test_measuring_takes_at_most_8_percent_of_the_steps(task, device, constants):
-    constants("pg-morl", generation=None)
-    sizes = {"worlds": 4096, "horizon": 32, "sampling.clusters": 16, "device": "cpu"}
-    config = config_for(task, algorithm="pg-morl", max_env_steps=10**9, **sizes)
-    generation, spacing = pg_morl.intervals(config, config.task.episode_length, device)
-    assert spacing == 20
-    spent = max(16 * generation / spacing, pg_morl.LATENCY[device]) * config.task.episode_length
-    assert spent <= 0.08 * (spent + generation * 4096 * 32)
 
 
 @pytest.mark.parametrize("format", ["onnx", "torchscript"])

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import torch
 from acting import random_actions, still
-from crowd import MOTOR, SCENE, Crowd
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import envs
 from morlax_torch.envs.physics.warp import WarpPhysics
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -185,18 +184,6 @@ def test_any_non_finite_number_is_a_blow_up_without_a_log(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_auto_reset_a_blown_up_world_stays_terminated_with_zero_reward(backend):
-    env = make("hopper", backend, auto_reset=False)
-    env.physics.qpos[1] = float("nan")
-    for _ in range(3):
-        step = env.step(still(env))
-        assert step.terminated.tolist() == [False, True, False, False]
-        assert step.observation.isfinite().all()
-        assert (step.reward[1] == 0).all()
-    env.reset()
-    assert not env.step(still(env)).terminated.any()
-
-
 # Buffers
 
 
@@ -233,34 +220,3 @@ def test_reaching_the_solver_iteration_limit_is_not_an_overflow():
     for action in random_actions(env, 40):
         env.step(action)
     assert (env.physics.overflow() == 0).all()
-
-
-PID = '<extension><plugin plugin="mujoco.pid"/></extension>'
-DRIVE = '<plugin joint="arm" plugin="mujoco.pid"/>'
-
-
-@pytest.mark.usefixtures("crowd")
-@pytest.mark.parametrize(
-    ("backend", "mjcf", "words"),
-    [
-        ("warp", '<option solver="PGS"/>', r'Warp .*PGS.*: set <option solver="Newton"/>, or'),
-        ("warp", '<option><flag fwdinv="enable"/></option>', "leave fwdinv out of <flag>"),
-        ("warp", f"{PID}<actuator>{DRIVE}</actuator>", "plugins out"),
-        ("mujoco", '<size memory="3000"/>', r'out of memory.*: raise <size memory="100M"/> in'),
-    ],
-)
-def test_what_a_simulator_refuses_has_a_remedy(backend, mjcf, words, monkeypatch):
-    xml = SCENE.format(MOTOR).replace("<mujoco>", f"<mujoco>{mjcf}")
-    monkeypatch.setattr(Crowd, "load_model", lambda: mujoco.MjModel.from_xml_string(xml))
-    with pytest.raises(MorlaxError, match=words) as caught:
-        envs.make("crowd", 2, "cpu", backend).step(torch.zeros(2, 1))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.usefixtures("crowd")
-@pytest.mark.parametrize("backend", ["mujoco", "warp"])
-def test_a_model_without_actuators_is_refused(backend, monkeypatch):
-    model = mujoco.MjModel.from_xml_string(SCENE.format(""))
-    monkeypatch.setattr(Crowd, "load_model", lambda: model)
-    with pytest.raises(MorlaxError, match=r"Crowd has no actuators.*add an <actuator>"):
-        envs.make("crowd", 2, "cpu", backend)

@@ -1,7 +1,5 @@
 """Tasks of MuJoCo Playground: their rewards, restarts and last observations, and runs in them."""
 
-from importlib import metadata
-
 import pytest
 import torch
 from peers import check_blown_up, check_run, noise
@@ -147,13 +145,9 @@ def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys):
 
 MISTAKES = [
     ("playground:CartpoleBalanc", {}, "did you mean 'CartpoleBalance'"),
-    ("playground:nowhere.tasks:Mine", {}, "cannot import nowhere.tasks"),
     (DRIFT, {"overrides": {"scale.go": 1.0}}, "key of the config.*did you mean 'scales.go'"),
-    (DRIFT, {"overrides": {"scales.go": "fast"}}, "must be float, not 'fast'"),
     (DRIFT, {"overrides": {"shows": "image"}}, "shows pixels/view_0, where .*one vector"),
     (CARTPOLE, {"overrides": {"impl": "fast"}}, "cannot make .*CartpoleBalance: 'fast' is"),
-    (DRIFT, {"objectives": {"a": {"goo": 1.0}, "b": {}}}, "unknown reward term 'goo': did you"),
-    (DRIFT, {"backend": "mujoco"}, "of their own, MuJoCo Playground: leave --backend mujoco out"),
 ]
 
 
@@ -161,12 +155,3 @@ MISTAKES = [
 def test_mistakes_are_one_sentence(name, options, message):
     with pytest.raises(MorlaxError, match=message):
         envs.make(name, 2, "cpu", **options)
-
-
-def test_without_playground_the_extra_is_named(monkeypatch):
-    def missing(name):
-        raise metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(metadata, "version", missing)
-    with pytest.raises(MorlaxError, match=r"need it: pip install 'morlax-torch\[playground\]'"):
-        envs.get("playground:CartpoleSwingup")

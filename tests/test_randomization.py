@@ -130,12 +130,6 @@ def test_one_factor_for_all_worlds_changes_derived_constants_too(worlds, backend
         np.testing.assert_allclose(center, data.sensordata, atol=0.05)  # of the step before
 
 
-def test_a_world_keeps_its_model_in_every_episode(backend):
-    env = make("hopper", backend, MODELS, episode_length=8)
-    first, second = ([env.step(still(env)).reward for _ in range(8)] for _ in range(2))
-    assert torch.equal(torch.stack(first), torch.stack(second))
-
-
 # Disabled randomization
 
 
@@ -143,18 +137,11 @@ def test_randomization_is_disabled_by_default(backend):
     off = {"observation_noise": {"position": 0.0}, "action_delay": (0, 0), "push": 0.0}
     plain = envs.make("humanoid", 3, "cpu", backend, auto_reset=False)
     explicit = make("humanoid", backend, off, worlds=3, auto_reset=False)
-    untouched = torch.Generator().manual_seed(0).get_state()
     for action in random_actions(plain, 20):
         one, other = plain.step(action), explicit.step(action)
         assert torch.equal(one.observation, other.observation)
         assert torch.equal(one.reward, other.reward)
-    for env in (plain, explicit):
-        state = env.state_dict()
-        assert torch.equal(state.pop("generator"), untouched)
-        assert {name.split(".")[0] for name in state} == {
-            *("qpos", "qvel", "act", "ctrl", "warmstart", "sensors"),
-            *("time", "age", "blowups", "memory"),
-        }
+    assert not any(name.startswith("model.") for name in explicit.state_dict())
 
 
 # Noise
@@ -182,26 +169,7 @@ def test_noise_has_the_configured_std_and_affects_only_observations(backend):
     assert (along - torch.eye(40)).abs().max() < 5 / math.sqrt(512)
 
 
-def test_repeated_observations_have_the_same_noise(backend):
-    env = make("hopper", backend, {"observation_noise": {"position": 1.0}})
-    seen = env.reset()
-    assert torch.equal(env.critic_observation(), seen)
-    step = env.step(still(env))
-    assert torch.equal(step.observation, step.final_observation)
-    assert torch.equal(env.critic_observation(), step.observation)
-
-
 # Action delay
-
-
-def test_an_action_takes_effect_after_the_configured_delay(backend):
-    prompt = envs.make("cheetah", 4, "cpu", backend)
-    late = make("cheetah", backend, {"action_delay": (3, 3)})
-    actions = random_actions(prompt, 20)
-    for now, then in zip(torch.cat([torch.zeros(3, 4, 6), actions]), actions, strict=False):
-        prompt.step(now)
-        late.step(then)
-        assert torch.equal(late.physics.qpos, prompt.physics.qpos)
 
 
 def test_each_world_draws_a_new_delay_per_episode_and_clears_its_queue(backend):
@@ -239,19 +207,6 @@ def test_a_push_changes_the_horizontal_velocity_by_the_configured_amount(task, h
     others = [i for i in range(change.shape[1]) if i not in horizontal]
     assert change[:, others].abs().max() < 1e-4
     assert change[:, horizontal].mean(0).abs().max() < 5 * 0.7 / math.sqrt(worlds)
-
-
-@pytest.mark.usefixtures("crowd")
-@pytest.mark.parametrize(("task", "body"), [("crowd", "robot"), ("bowling", "ball")])
-def test_pushes_move_the_robot_or_the_named_body(task, body):
-    env = make(task, "mujoco", {"push": 2.0, "push_every": 1})
-    env.step(still(env))
-    model, speed = env.physics.model, env.physics.qvel.double()
-    for name in ("ball", "robot"):
-        start = model.body_dofadr[model.body(name).id]
-        size = speed[:, start : start + 2].norm(dim=-1)
-        expected = torch.full_like(size, 2.0 if name == body else 0.0)
-        torch.testing.assert_close(size, expected, rtol=0, atol=0.05)
 
 
 def test_the_robot_is_the_tree_with_the_most_actuators():
@@ -314,7 +269,6 @@ def test_randomized_worlds_resume_exactly_from_a_saved_state(task, backend):
     [
         ({"friction": (2, 1)}, "a range goes from the smaller to the larger"),
         ({"mass": (0, 1)}, "greater than 0"),
-        ({"frction": (1, 2)}, "did you mean 'friction'"),
         ({"observation_noise": {"positon": 1.0}}, "did you mean 'position'"),
         ({"fields": {"tendon_range": (1, 2)}}, "cannot vary 'tendon_range' .* that this robot has"),
     ],

@@ -12,9 +12,7 @@ from PIL import Image
 
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
-from morlax_torch.host.phases import heard_by
-from morlax_torch.runs import loading
-from morlax_torch.viewers.filming import panels, recording
+from morlax_torch.viewers.filming import recording
 from morlax_torch.viewers.filming.film import Film, Sweep
 from morlax_torch.viewers.filming.recording import write_video
 from morlax_torch.viewers.player import Player
@@ -93,32 +91,6 @@ def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
     assert (rows[0] != rows[1]).mean() > 0.05
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("opengl")
-def test_a_film_strip_shows_one_gait_cycle_of_each_robot(monkeypatch):
-    film = Film(load("cheetah"), [(1.0, 0.0), (0.0, 1.0)], 160, 120)
-    times = []
-    timed = panels.timed
-    monkeypatch.setattr(
-        panels, "timed", lambda picture, time: times.append(time) or timed(picture, time)
-    )
-    done = []
-    with heard_by(lambda name, share: done.append(share)):
-        strip = film.strip(3.0, 6)
-    assert done == [0.0, 0.5]
-    runs, stands = np.array(times[:6]), np.array(times[6:])
-    assert runs[-1] == stands[-1] == 3.0
-    assert 0.15 < np.ptp(runs) < 0.4  # a cycle
-    assert np.ptp(stands) == 1.0  # it has none
-    first, *_, last = (strip[:90, -x - 160 : -x or None] for x in range(5 * 164, -1, -164))
-    middle = strip[:90, -2 * 164 - 160 : -2 * 164]
-    robot = slice(20, 80)  # rows; the first and the last picture show the same phase
-    closing, opposite = (
-        np.abs(picture[robot].astype(int) - first[robot]).mean() for picture in (last, middle)
-    )
-    assert closing < opposite
-
-
 @pytest.mark.usefixtures("opengl")
 @pytest.mark.slow
 def test_gifs_are_small(tmp_path):
@@ -134,31 +106,6 @@ def test_gifs_are_small(tmp_path):
         image.seek(20)
         shown = np.asarray(image.convert("RGB")).astype(float)
     assert np.sqrt(np.square(shown - frames[20]).mean()) < 4  # of 255
-
-
-@pytest.mark.usefixtures("opengl")
-@pytest.mark.slow
-def test_frames_show_different_motion_per_tradeoff(make_policy):
-    film = Film(make_policy(), [(1.0, 0.0), (0.0, 1.0)], 160, 120)
-    frames = list(film.frames(0.3, stride=10))
-    np.testing.assert_array_equal(frames, list(film.frames(0.3, stride=10)))
-    start, *_, end = frames
-    picture = slice(60, 100)  # rows between the table and the clock
-    assert (start[picture, :160] == start[picture, -160:]).all()
-    assert (end[picture, :160] != end[picture, -160:]).mean() > 0.02
-    film = Film(make_policy(), [(1.0, share) for share in range(5)], 64, 80)
-    assert next(film.frames()).shape == (2 * 80 + GAP, 3 * 64 + 2 * GAP, 3)
-
-
-@pytest.mark.usefixtures("opengl")
-def test_all_robots_of_a_film_are_seen_from_one_distance(make_policy):
-    film = Film(make_policy(), [(1.0, 0.0), (0.0, 1.0), (0.5, 0.5)], 64, 64)
-    frames = film.frames(0.3, stride=5)
-    for _ in frames:
-        near, *others = (take._camera.camera.distance for take in film._takes)
-        assert all(other == pytest.approx(near) for other in others)
-    labels = [take.label() for take in film._takes]
-    assert labels == ["only run", "only jump", "run 0.50\njump 0.50"]
 
 
 @pytest.mark.usefixtures("opengl")
@@ -205,33 +152,6 @@ def test_a_fallen_robot_freezes_while_the_other_continues(make_policy):
     assert (frames[down] != frames[down + 1]).any()
 
 
-@pytest.mark.parametrize(
-    ("dt", "speed", "stride", "fps"),
-    [
-        *((0.01, 1, 4, 25), (0.02, 1, 2, 25), (1 / 30, 1, 1, 30), (0.015, 1, 3, 1 / 0.045)),
-        *((0.01, 0.25, 1, 25), (0.01, 3, 10, 30), (0.05, 1, 1, 20)),
-    ],
-)
-def test_any_control_step_gives_a_steady_frame_rate(dt, speed, stride, fps, make_policy):
-    film = Film(make_policy(), [(0.5, 0.5)])
-    film.dt = dt
-    assert film.pace(speed) == (stride, pytest.approx(fps))
-
-
-def test_recordings_of_shipped_policies_go_to_the_working_directory(saved, monkeypatch):
-    shipped = saved / "package" / "shipped"
-    (shipped / "hopper" / "checkpoints").mkdir(parents=True)
-    monkeypatch.setattr(loading, "SHIPPED", shipped)
-    outputs = []
-    monkeypatch.setattr(recording, "record", lambda _, output, *__, **___: outputs.append(output))
-    checkpoints = shipped / "hopper" / "checkpoints"
-    (checkpoints / "best.pt").write_bytes((saved / "policy.pt").read_bytes())
-    record.command(["hopper"])
-    record.command([str(shipped / "hopper")])
-    record.command(["policy.pt"])
-    assert outputs == [Path("hopper.mp4"), Path("hopper.mp4"), Path("film.mp4")]
-
-
 MISTAKES = {
     "nowhere": "nowhere does not exist",
     "policy.pt --tradeoff fast": "does not consist of numbers: 0.5,0.5",
@@ -240,7 +160,6 @@ MISTAKES = {
     "policy.pt --speed -1": "the speed must be above 0",
     "policy.pt --width 0": "from 64 to 4096 pixels",
     "policy.pt --output film.avi": "must end in .mp4 or .gif",
-    "policy.pt --output x.png --pictures 1": "2 to 100 pictures",
 }
 
 
@@ -256,10 +175,3 @@ def test_a_missing_extra_or_ffmpeg_is_named_in_the_error(saved, monkeypatch, ref
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     error = refused(record, "policy.pt")
     assert "pip install 'morlax-torch[video]'" in error and os.listdir() == ["policy.pt"]
-
-
-def test_an_ffmpeg_failure_gives_a_clear_error_and_leaves_no_file(tmp_path):
-    frames = iter([np.zeros((2, 40_000, 3), np.uint8)] * 3)  # wider than H.264 allows
-    with pytest.raises(MorlaxError, match=r"cannot write .*film\.mp4: .*\w\.$"):
-        write_video(tmp_path / "film.mp4", frames, 25)
-    assert not os.listdir(tmp_path)

@@ -104,12 +104,6 @@ def test_a_custom_robot_needs_no_camera():
     np.testing.assert_allclose(np.argwhere(red).mean(0), (350, 500), atol=60)
 
 
-@pytest.mark.parametrize("size", [(0, 360), (480, -1), (5000, 360)])
-def test_an_invalid_image_size_gives_a_clear_error(size):
-    with pytest.raises(MorlaxError, match="from 64 to 4096 pixels"):
-        Scene(mujoco.MjModel.from_xml_string(BALL), *size)
-
-
 def test_without_opengl_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "none")
     with pytest.raises(MorlaxError, match=r"tried: none.*libegl1.*set MUJOCO_GL"):

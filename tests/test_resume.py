@@ -1,5 +1,6 @@
 """A resumed run continues exactly, on any simulator, and evaluations repeat themselves."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -140,8 +141,10 @@ ARM = """
 """
 
 
-class Undeclared(envs.Environment):
-    """An arm that reaches for a goal of each episode, which it keeps without saying so."""
+class Arm(envs.Environment):
+    """An arm that reaches for a goal of each episode, which it declares or keeps silently."""
+
+    declared = True
 
     class Options(envs.TaskOptions):
         objectives: dict[str, dict[str, float]] = {"near": {"near": 1.0}, "save": {"save": 1.0}}
@@ -160,6 +163,9 @@ class Undeclared(envs.Environment):
     def initial_qpos(self) -> np.ndarray:
         return np.zeros(1)
 
+    def initial_state(self) -> dict[str, Tensor]:
+        return {"goal": self.goal} if self.declared else {}
+
     def begin(self, fresh: Tensor) -> None:
         drawn = self.draws.uniform_(torch.empty_like(self.goal))
         self.goal.copy_(torch.where(fresh[:, None], self.goal + drawn, self.goal))
@@ -177,20 +183,15 @@ class Undeclared(envs.Environment):
         return torch.zeros_like(self.age, dtype=torch.bool)
 
 
-class Declared(Undeclared):
-    """The same with a goal that it declares."""
-
-    def initial_state(self) -> dict[str, Tensor]:
-        return {"goal": self.goal}
-
-
-def arms(task: type[Undeclared], **kind: bool) -> Undeclared:
-    kind = {"auto_reset": True, "deterministic": False, **kind}
-    return task.build(task.Options(), 3, torch.device("cpu"), "mujoco", 0, **kind)
+@pytest.fixture
+def make_arms(monkeypatch: pytest.MonkeyPatch) -> Callable[[], Arm]:
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+    envs.register("arm", Arm)
+    return lambda: envs.make("arm", 3, "cpu", "mujoco")
 
 
-def test_own_tensors_are_reset_and_resume_exactly():
-    env, other = arms(Declared), arms(Declared)
+def test_own_tensors_are_reset_and_resume_exactly(make_arms):
+    env, other = make_arms(), make_arms()
     action = torch.ones(3, 1)
     for step in range(12):
         saved = env.state_dict()
@@ -202,9 +203,10 @@ def test_own_tensors_are_reset_and_resume_exactly():
     assert len(env.goal.unique()) == 3
 
 
-def test_undeclared_tensors_are_noticed_once():
-    env = arms(Undeclared)
-    sentence = r"^Undeclared changes goal, .* resumed run will differ: .* initial_state\(\)"
+def test_undeclared_tensors_are_noticed_once(make_arms, monkeypatch):
+    monkeypatch.setattr(Arm, "declared", False)
+    env = make_arms()
+    sentence = r"^Arm changes goal, .* resumed run will differ: .* initial_state\(\)"
     with pytest.warns(UserWarning, match=sentence) as warned:
         env.state_dict()
         env.step(torch.ones(3, 1))

@@ -115,12 +115,3 @@ def test_replaying_the_stored_actions_gives_the_stored_rollout(collected):
         observation = step.observation
     torch.testing.assert_close(last, observation)
     assert rollout.truncated.any()
-
-
-def test_final_observations_differ_from_the_next_ones_only_at_episode_ends(collected):
-    rollout, _, _, last = collected
-    following = torch.cat([rollout.observation[1:], last.view(1, CLUSTERS, -1, last.shape[1])])
-    same = (following == rollout.final_observation).all(-1)
-    assert torch.equal(same, ~(rollout.terminated | rollout.truncated))
-    # every world samples its own actions
-    assert len(rollout.action.flatten(0, 2).unique(dim=0)) == HORIZON * WORLDS

@@ -70,17 +70,3 @@ def test_episodes_can_start_at_any_step_and_log_writers_get_the_arguments():
     ends = [env.step(torch.zeros(4, 6))[2].nonzero().squeeze(-1).tolist() for _ in range(9)]
     assert ends == [[3], [], [2], [], [], [1], [], [], [0]]
     assert env.episode_length_buf.tolist() == [0, 3, 6, 8]
-
-
-def test_recurrent_policies_and_random_network_distillation_train(tmp_path):
-    env = worlds("hopper", 16, episode_length=50)
-    chosen = settings(rnd_state=["policy"])
-    memory = {"rnn_type": "gru", "rnn_hidden_dim": 8, "rnn_num_layers": 1}
-    for network in ("actor", "critic"):
-        chosen[network] |= {"class_name": "RNNModel", **memory}
-    sizes = {"num_outputs": 4, "predictor_hidden_dims": [8], "target_hidden_dims": [8]}
-    chosen["algorithm"]["rnd_cfg"] = {"weight": 100.0, **sizes}
-    runner = make_runner(env, chosen, log_dir=str(tmp_path))
-    assert runner.alg.rnd.initial_weight == pytest.approx(100.0 * env.vector.worlds.dt)
-    runner.learn(2, init_at_random_ep_len=True)
-    assert "Rnd/mean_intrinsic_reward" in EventAccumulator(str(tmp_path)).Reload().Tags()["scalars"]

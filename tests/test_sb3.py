@@ -11,7 +11,7 @@ pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not instal
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 from toppling import falling
 
 from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
@@ -78,24 +78,6 @@ def test_sb3_s_checker_and_wrappers_work():
     assert env.get_attr("objectives") == [("run", "energy")] * 4
     assert env.has_attr("reward_space") and not env.has_attr("no_such_thing")
     env.close()
-
-
-@pytest.mark.slow
-@pytest.mark.long
-@pytest.mark.usefixtures("opengl")
-def test_vec_video_recorder_films_the_worlds(tmp_path):
-    pytest.importorskip("moviepy")
-    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    env = worlds(render_mode="rgb_array", width=120, height=90)
-    film = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=20)
-    film.reset()
-    for _ in range(20):
-        film.step(falling().numpy())
-    film.close()
-    (path,) = tmp_path.glob("*.mp4")
-    details = next(imageio_ffmpeg.read_frames(str(path)))
-    assert details["size"] == (240, 180)  # two by two worlds
-    assert details["fps"] == pytest.approx(1 / env.vector.worlds.dt, rel=0.01)
 
 
 def test_worlds_are_one_batch():

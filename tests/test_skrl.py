@@ -1,28 +1,20 @@
 """skrl trains in the package's worlds."""
 
-import gymnasium
 import pytest
 import torch
 
 pytest.importorskip("skrl", reason="skrl is not installed")
 
 from skrl.agents.torch.ppo import PPO
-from skrl.envs.wrappers.torch import wrap_env
 from skrl.memories.torch import RandomMemory
 from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 from skrl.trainers.torch import SequentialTrainer
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from toppling import falling
 from torch import nn
 
 from morlax_torch.adapters.skrl import SkrlEnv
 
 pytestmark = pytest.mark.usefixtures("single_thread")
-TRADEOFF = (0.7, 0.3)
-
-
-def worlds(task: str = "walker", num_envs: int = 4, **options) -> SkrlEnv:
-    return SkrlEnv(task, TRADEOFF, num_envs, "cpu", **options)
 
 
 class Actor(GaussianMixin, Model):
@@ -76,24 +68,3 @@ def test_skrl_ppo_learns_to_run_and_logs_each_objective(tmp_path):
     run = [event.value for event in logged.Scalars(tags["run"])]
     assert run[-1] > 2 * run[0]
     assert len(logged.Scalars(tags["jump"])) == len(run)
-
-
-@pytest.mark.filterwarnings("ignore:.*copy construct from a tensor:UserWarning")
-def test_wrap_env_accepts_the_gymnasium_environments():
-    options = {"tradeoff": TRADEOFF, "episode_length": 5}
-    single = wrap_env(gymnasium.make("morlax_torch/Walker-v0", **options), verbose=False)
-    vector = wrap_env(
-        gymnasium.make_vec("morlax_torch/Walker-v0", num_envs=4, device="cpu", **options),
-        verbose=False,
-    )
-    reference = worlds(episode_length=5)
-    assert torch.equal(single.reset()[0], vector.reset()[0][:1])
-    for _ in range(5):
-        seen, reward, _, truncated, _ = vector.step(falling())
-        _, alone_reward, _, over, _ = single.step(falling()[:1])
-        expected, expected_reward, *_ = reference.step(falling())
-        assert torch.equal(seen, expected) and torch.equal(reward, expected_reward)
-        torch.testing.assert_close(alone_reward, reward[:1])
-        assert torch.equal(over, truncated[:1])
-        assert single.render() is None and vector.render() is None
-    assert truncated.all()

@@ -1,18 +1,14 @@
 """What a command imports, when, and the kernels that are compiled before the first step."""
 
-import gc
 import os
 import subprocess
 import sys
-import threading
-import warnings
 from pathlib import Path
 
 import pytest
 import torch
 
 from morlax_torch.__main__ import COMMANDS
-from morlax_torch.commands.terminal import cli
 
 HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "websockets", "tensorboard", "onnx"}
 TINY = (
@@ -74,26 +70,6 @@ def test_help_imports_nothing_heavy(tmp_path):
         assert not modules[name] & HEAVY, name
 
 
-@pytest.mark.slow
-def test_public_names_are_listed_and_resolve(tmp_path):
-    done = python(
-        tmp_path,
-        "-c",
-        "import morlax_torch\n"
-        "for module in (morlax_torch, morlax_torch.envs):\n"
-        "    assert set(module.__all__) <= set(dir(module))\n"
-        "    for name in module.__all__:\n"
-        "        getattr(module, name)\n"
-        "assert callable(morlax_torch.envs.trust)\n"
-        "assert not hasattr(morlax_torch, 'nothing')\n"
-        "from morlax_torch import *\n"
-        "print(pareto.__name__, load.__module__)",
-    )
-    assert done.stdout.split() == ["morlax_torch.evaluation.pareto", "morlax_torch.runs.loading"], (
-        done.stderr
-    )
-
-
 @pytest.mark.parametrize("module", [["morlax_torch.train"], ["morlax_torch", "train"]])
 def test_training_prints_a_line_before_torch_is_imported(module, tmp_path, no_torch):
     done = python(tmp_path, "-m", *module, *TINY, first=no_torch)
@@ -118,28 +94,6 @@ def test_ctrl_c_while_a_command_imports_a_library_is_one_word(tmp_path, library,
     (tmp_path / f"{library}.py").write_text(interrupt)
     done = python(tmp_path, *words, "cheetah", first=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
-
-
-def test_a_program_that_imports_the_package_handles_ctrl_c_itself(tmp_path):
-    code = "import morlax_torch, signal\nprint(signal.getsignal(signal.SIGINT).__name__)\n"
-    (tmp_path / "morlax-mine.py").write_text(code)
-    for words in (["-c", code], ["morlax-mine.py"]):
-        assert python(tmp_path, *words).stdout == "default_int_handler\n"
-
-
-@pytest.mark.parametrize("load", [0.2, 1.5])
-def test_on_a_busy_machine_threads_of_torch_soon_sleep(load, monkeypatch):
-    for name in ("OMP_NUM_THREADS", "OMP_WAIT_POLICY", "GOMP_SPINCOUNT"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0))
-    for name in ("formatwarning", "excepthook"):
-        module = warnings if name == "formatwarning" else threading
-        monkeypatch.setattr(module, name, getattr(module, name))
-    threshold = gc.get_threshold()
-    cli._prepare()
-    gc.set_threshold(*threshold)
-    assert ("GOMP_SPINCOUNT" in os.environ) == (load > 1)
-    monkeypatch.delenv("GOMP_SPINCOUNT", raising=False)
 
 
 @pytest.mark.slow
@@ -190,10 +144,3 @@ def test_warp_compiles_in_other_processes_before_the_first_step(task, device, tm
     assert done.returncode == 0, done.stderr
     ahead, later = map(int, done.stdout.split())
     assert ahead > 20 and later == 0
-
-
-def test_names_with_umlauts_are_valid_in_an_ascii_locale(tmp_path):
-    words = "-m", "morlax_torch", "play", "läufer"
-    done = python(tmp_path, *words, LC_ALL="C")
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1 and "läufer" in done.stderr

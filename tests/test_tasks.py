@@ -174,15 +174,6 @@ def test_the_cheetah_s_run_reward_saturates_at_four_meters_per_second():
     assert fast == 4.0
 
 
-@pytest.mark.parametrize("task", ("cheetah", "walker", "hopper"))
-def test_planar_robots_clip_observed_velocities_to_ten(task):
-    env = make(task)
-    env.physics.qvel[:] = torch.tensor([[9.0], [-11.0]])
-    seen = env.observe()[:, -env.physics.model.nv :]
-    assert (seen[0] == 9.0).all()
-    assert (seen[1] == -10.0).all()
-
-
 # Properties of every built-in task
 
 
@@ -245,13 +236,11 @@ def test_objectives_are_the_configured_weighted_sums(task, objectives, shared):
             {"objectives": {"run": {"rnu": 1.0}, "energy": {"energy": 1.0}}},
             "unknown reward term 'rnu': did you mean 'run'? Known: alive, energy, run.",
         ),
-        ({"episode_lenght": 100}, "unknown key 'episode_lenght': did you mean 'episode_length'?"),
         ({"objectives": {"run": {"run": 1.0}}}, "a trade-off needs at least two objectives"),
         (
             {"reference_point": (0, 0, 0)},
             "reference_point has 3 numbers, but there are 2 objectives: run, energy.",
         ),
-        ({"episode_length": 0}, "episode_length: Input should be greater than 0 (given: 0)."),
     ],
 )
 def test_a_wrong_option_is_explained(options, sentence):
@@ -265,32 +254,16 @@ def test_a_wrong_option_is_explained(options, sentence):
     [
         (("chetah", 1, "cpu"), "unknown environment 'chetah': did you mean 'cheetah'? Known: ant,"),
         (("walker", 1, "cpu", "mujuco"), "unknown backend 'mujuco': did you mean 'mujoco'?"),
-        ((None, 1), "an environment's name is text, such as 'cheetah', not None."),
         (("walker", 1, 1.5), "1.5 is not a device: use 'cuda', 'cuda:1' or 'cpu'."),
         (("walker", 1.5, "cpu"), "num_worlds is 1.5: it must be an integer."),
-        (("walker", True, "cpu"), "num_worlds is True: it must be an integer."),
-        (("walker", 1, "cpu", None, "0"), "seed is '0': it must be an integer."),
         (("walker", 1, "cpu", None, -1), "seed is -1: it must be from 0 to 2^64 - 1."),
-        (("walker", 2**31, "cpu"), "num_worlds is 2147483648: it must be from 1 to 2147483647."),
         (("walker", 2**31 - 1, "cpu", "warp"), "cannot hold 2147483647 worlds with task.nconmax"),
-        (("walker", 1, "meta"), "device meta is not supported: use 'cuda' or 'cpu'."),
     ],
 )
 def test_a_wrong_argument_is_explained(arguments, sentence):
     with pytest.raises(MorlaxError) as caught:
         envs.make(*arguments)
     assert sentence in str(caught.value)
-
-
-def test_a_name_or_class_of_another_type_is_explained():
-    walker = envs.get("walker")
-    for call in (lambda: envs.make_robot(None), lambda: envs.register(3, walker)):
-        with pytest.raises(MorlaxError, match=r"name is text, such as 'cheetah', not (None|3)\."):
-            call()
-    for task in (3, dict, walker.Options):
-        with pytest.raises(MorlaxError, match=r"is not a subclass of morlax_torch\.envs\.Worlds"):
-            envs.register("stranger", task)
-    assert envs.make("walker", np.int64(2), "cpu", seed=np.int32(1)).reset().shape == (2, 17)
 
 
 def test_the_cpu_default_backend_is_c_mujoco():

@@ -1,42 +1,26 @@
 """In a terminal of 80 columns, no line of output or help is longer, and none is cut."""
 
-import errno
-import fcntl
 import io
-import os
-import pty
-import re
-import struct
-import subprocess
 import sys
-import termios
-import time
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 from pydantic import BaseModel
 from rich.console import Console
+from rich.text import Text
 from tiny import tiny
 
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.commands import tune
-from morlax_torch.commands.terminal import arguments, live
+from morlax_torch.commands.terminal import arguments, display, live
 from morlax_torch.commands.terminal.arguments import text_of
-from morlax_torch.commands.terminal.display import Display
 from morlax_torch.configuration.config import Config, config_class, flat
-from morlax_torch.configuration.sections import ALGORITHMS, SamplingConfig
-from morlax_torch.evaluation.front import Front
+from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.host.phases import phase, within
-from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.train import train
 
 COLUMNS = 80
-ROOT = Path(__file__).parent.parent
-CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 SMALL = (
     *("--env", "bruce", "--device", "cpu", "--worlds", "32", "--horizon", "2"),
     *("--sampling.clusters", "16", "--ppo.minibatches", "1", "--evaluation.tradeoffs", "6"),
@@ -49,40 +33,6 @@ SHOWN = {
     "export": ("RUN", "--tradeoff", "--format", "--output", "--slew", "torch-export"),
     "play": ("EXPORT", "--episodes", "--seconds", "--delay", "--noise", "--push", "--friction"),
 }
-
-
-def shown(*typed: str, folder: Path) -> list[str]:
-    """Run a command in a terminal of 80 columns, and return the lines that it prints."""
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, COLUMNS, 0, 0))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch", *typed],
-        stdin=theirs,
-        stdout=theirs,
-        stderr=theirs,
-        cwd=folder,
-        env={
-            **{name: x for name, x in os.environ.items() if name not in ("COLUMNS", "LINES")},
-            "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
-            "TERM": "xterm-256color",
-        },
-    )
-    os.close(theirs)
-    found = b""
-    while part := _received(ours):
-        found += part
-    os.close(ours)
-    process.wait()
-    return [CONTROL.sub("", line) for line in re.split(r"[\r\n]+", found.decode())]
-
-
-def _received(terminal: int) -> bytes:
-    try:
-        return os.read(terminal, 2**16)
-    except OSError as error:  # Linux reports the end of the other side in this way
-        if error.errno != errno.EIO:
-            raise
-        return b""
 
 
 def assert_fits(lines: list[str]) -> None:
@@ -121,19 +71,6 @@ def test_the_whole_help_lists_every_option(monkeypatch, capsys):
         assert f"--{name.replace('_', '-')}" in text or name.startswith("task.")
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_the_output_of_training_and_evaluation_fits(tmp_path):
-    trained = shown("train", *SMALL, "--output", "run", folder=tmp_path)
-    assert_fits(trained)
-    assert any(line.startswith("done: 128 steps") for line in trained)
-    measured = shown("evaluate", "run", "run/checkpoints/latest.pt", folder=tmp_path)
-    assert_fits(measured)
-    assert any("hypervolume" in line for line in measured)
-    assert_fits(shown("train", "--env", "chetah", folder=tmp_path))
-    assert_fits(shown("train", "--resume", "run", "--max-env-steps", "many", folder=tmp_path))
-
-
 def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = train(tiny(), output=tmp_path / "run")
@@ -146,29 +83,6 @@ def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, ca
     assert run.limit_reached(tiny(max_env_steps=None, max_seconds=1e-9)) == "max-seconds"
     (run.folder / "metrics.csv").write_text("".join(before.decode().splitlines(True)[:-1]))
     assert run.limit_reached(tiny()) is None  # the last evaluation is missing
-
-
-@pytest.mark.parametrize(
-    ("algorithm", "speed", "hints"), [("morlax", 300.0, 1), ("morlax", 3e4, 0), ("amor", 300.0, 0)]
-)
-def test_slow_worlds_get_a_hint_to_an_algorithm_of_few_steps(
-    algorithm, speed, hints, tmp_path, capsys
-):
-    config = SimpleNamespace(algorithm=algorithm, scalarization="linear", sampling=SamplingConfig())
-    display = Display(SimpleNamespace(config=config), tmp_path, Progress())
-    front = Front(("go", "save"), np.eye(2), np.ones((2, 2)), np.ones(2), np.zeros(2))
-    for steps in (0.0, speed, speed):
-        indicators = {"hypervolume": 1.0, "cardinality": 1}
-        display.evaluated(Evaluation(0, 8, 1.5, 20.0, steps, 0, front, indicators))
-    printed = capsys.readouterr().out
-    assert printed.count("--algorithm hyper-sac") == hints
-
-
-def test_the_next_command_may_run_the_code_of_the_task(workplace, capsys):
-    Path("mine.py").write_text("from morlax_torch import envs\n\nMine = envs.get('hopper')\n")
-    typed = ("train", "--env", "mine.py:Mine", *SMALL[2:], "--output", "run")
-    command(typed)
-    assert capsys.readouterr().out.endswith("evaluate run --trust\n")
 
 
 def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, capsys):
@@ -188,6 +102,16 @@ def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, cap
         assert first > untrained + 1  # which need not exceed it
 
 
+def test_the_output_of_training_fits(workplace, monkeypatch):
+    output = io.StringIO()
+    terminal = Console(file=output, force_terminal=True, width=COLUMNS, legacy_windows=False)
+    monkeypatch.setattr(display, "console", terminal)
+    command(["train", *SMALL, "--output", "run"])
+    lines = Text.from_ansi(output.getvalue()).plain.splitlines()
+    assert_fits(lines)
+    assert any(line.startswith("done: 128 steps") for line in lines)
+
+
 def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
     for terminal in (True, False):
         output = io.StringIO()
@@ -198,28 +122,6 @@ def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
             lines.show("trial 3: training", row=1)
         for text in ("ant: filming 25%", "trial 3: training"):
             assert (text in output.getvalue()) == terminal
-
-
-def test_a_pipe_gets_the_phase_now_and_then(monkeypatch, capsys):
-    monkeypatch.setattr(live, "LONGEST_SILENCE", 0.01)
-    told, limit = "", time.monotonic() + 60
-    with live.Live():
-        phase("drawing", 0.5)
-        while "drawing" not in told:
-            assert time.monotonic() < limit
-            time.sleep(0.01)
-            told += capsys.readouterr().out
-    assert "   drawing 50%\n" in told
-
-
-def test_a_command_shows_its_phases(tmp_path, monkeypatch):
-    config = tiny(**{"task.episode_length": 10})
-    run, told = train(config, output=tmp_path / "run"), []
-    (run.folder / "front.npz").unlink()  # so that `pack` evaluates
-    monkeypatch.setattr(live.Live, "show", lambda _, *phase: told.append(phase))
-    command(["pack", str(run.folder), str(tmp_path / "small"), "--device", "cpu"])
-    evaluating = "evaluating 4 trade-offs"
-    assert told == [("building 4 worlds", None), (evaluating, 0.0), (evaluating, 0.5)]
 
 
 def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:

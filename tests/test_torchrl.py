@@ -14,7 +14,7 @@ from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from toppling import falling
 from torch import nn
-from torchrl.envs import GymEnv, GymWrapper, LineariseRewards, MOGymEnv, RewardSum, TransformedEnv
+from torchrl.envs import GymWrapper, LineariseRewards, RewardSum, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 from torchrl.modules import MLP, NormalParamExtractor, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import ClipPPOLoss
@@ -38,21 +38,6 @@ def still(tensordict: TensorDict) -> TensorDict:
 @pytest.mark.parametrize("task", ["walker", "cheetah3"])
 def test_an_environment_passes_torchrl_s_checker(task):
     check_env_specs(worlds(task, episode_length=2))
-
-
-@pytest.mark.parametrize("kind", [GymEnv, MOGymEnv])
-@pytest.mark.parametrize("frame_skip", [1, 3])
-def test_gym_env_makes_the_package_s_ids(kind, frame_skip):
-    if kind is MOGymEnv:
-        pytest.importorskip("mo_gymnasium")
-    env = kind("morlax_torch/Walker-v0", frame_skip=frame_skip, device="cpu")
-    found = env.rollout(5, lambda tensordict: tensordict.set("action", falling()[1]))
-    reference = envs.make("walker", 1, "cpu")
-    reference.reset()
-    steps = [reference.step(falling()[1:2]) for _ in range(5 * frame_skip)]
-    expected = torch.cat([step.reward for step in steps]).view(5, frame_skip, 2).sum(1)
-    torch.testing.assert_close(found["next", "reward"], expected)
-    assert torch.equal(found["next", "observation"][-1], steps[-1].observation[0])
 
 
 @pytest.mark.parametrize("tradeoff", [None, (0.7, 0.3)])
@@ -97,14 +82,6 @@ def test_a_partial_reset_affects_only_the_selected_worlds():
     assert env.worlds.age.tolist() == [5, 0, 5, 0]
     env.set_seed(3)
     assert torch.equal(env.reset()["observation"], first["observation"])
-
-
-def test_gymnasium_environments_support_partial_resets(monkeypatch):
-    pytest.importorskip("mo_gymnasium")
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-    env = worlds("gymnasium:mo-hopper-2obj-v5", 2, episode_length=5)
-    check_env_specs(env)
-    assert env.rollout(12, break_when_any_done=False)["next", "done"].sum() == 4
 
 
 @pytest.mark.usefixtures("single_thread")

@@ -15,9 +15,7 @@ import pytest
 import torch
 from same import assert_same
 
-from morlax_torch import MorlaxError
 from morlax_torch.commands import train
-from morlax_torch.commands.terminal import arguments
 from morlax_torch.runs import checkpoint
 
 TORCHRUN = (sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2")
@@ -213,12 +211,6 @@ def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
     assert all(value.isfinite().all() for value in state(tmp_path / "run").agent.values())
 
 
-def test_restarts_need_a_folder(monkeypatch):
-    monkeypatch.setattr(arguments, "MAY_RESTART", True)
-    with pytest.raises(MorlaxError, match="--max-restarts needs --output FOLDER, to go on from"):
-        train.read(SMALL)
-
-
 WAITING = """
 from datetime import timedelta
 from torch.distributed import TCPStore
@@ -255,13 +247,3 @@ def test_processes_with_different_configs_do_not_train():
         _, message = ended([process])
         assert process.returncode == 2
         assert "process 1 has another config than process 0" in message
-
-
-@pytest.mark.slow
-def test_a_host_without_the_folder_of_a_resumed_run_is_told(whole):
-    port, longer = free_port(), ("--max-env-steps", str(2 * STEPS))
-    first = start(0, port, "--resume", str(whole), *longer)
-    _, message = ended([start(1, port, *SMALL, *longer)])
-    assert "process 0 resumes a run whose folder process 1 cannot find" in message
-    first.kill()
-    first.communicate()

@@ -2,9 +2,7 @@
 
 import math
 import os
-import random
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -19,7 +17,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.commands import train as train_command
-from morlax_torch.commands.terminal.display import Display
 from morlax_torch.commands.terminal.process import exiting_on_signals, interruptible
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import merged, task_values
@@ -28,7 +25,7 @@ from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Evaluation, Progress, read_rows
 from morlax_torch.runs.run import Run
-from morlax_torch.runs.training import Schedule, Session, make_evaluator
+from morlax_torch.runs.training import Schedule
 from morlax_torch.train import train
 
 
@@ -148,18 +145,6 @@ def test_a_few_seconds_of_training_raise_the_hypervolume(tmp_path):
     assert hypervolumes[-1] > 1.8e6
 
 
-def start(folder: Path, *arguments: object) -> subprocess.Popen:
-    """Start the train command in a separate process, in `folder`."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch.train", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"},
-    )
-
-
 HOPPER = (
     *("--env", "hopper", "--device", "cpu", "--worlds", 32, "--sampling.clusters", 4),
     *("--ppo.minibatches", 2, "--evaluation.every", 1280, "--evaluation.tradeoffs", 4),
@@ -167,34 +152,8 @@ HOPPER = (
 )
 
 
-def wait_for(condition, process: subprocess.Popen) -> None:
-    limit = time.monotonic() + 60
-    while not condition():
-        assert process.poll() is None, process.stdout.read()
-        assert time.monotonic() < limit
-        time.sleep(0.01)
-
-
 def iterations(folder: Path) -> int:
     return checkpoint.load(folder / "checkpoints" / "latest.pt").learner["iteration"]
-
-
-@pytest.mark.slow
-def test_a_killed_run_can_always_be_resumed(tmp_path):
-    folder, moments = tmp_path / "run", random.Random(0)
-    process = start(tmp_path, *HOPPER)
-    wait_for(folder.is_dir, process)
-    reached = 0
-    for _ in range(2):
-        time.sleep(moments.uniform(0.0, 1.0))
-        process.kill()
-        process.communicate()
-        assert iterations(folder) >= reached
-        reached = iterations(folder)
-        process = start(tmp_path, "--resume", "run")
-        wait_for(lambda reached=reached: iterations(folder) > reached, process)
-    process.kill()
-    process.communicate()
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGHUP, 129)])
@@ -220,23 +179,6 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
     output = " ".join(capsys.readouterr().out.split())
     assert "interrupted" in output and "train --resume run" in output
     assert iterations(tmp_path / "run") >= 3
-
-
-def test_a_signal_after_the_limit_does_not_interrupt_the_run(tmp_path, monkeypatch, capsys):
-    evaluated = Display.evaluated
-
-    def signaled(display: Display, evaluation: Evaluation) -> None:
-        evaluated(display, evaluation)
-        if evaluation.env_steps == 640:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Display, "evaluated", signaled)
-    monkeypatch.setattr(sys, "argv", ["train", *map(str, HOPPER), "--max-env-steps", "640"])
-    train_command.main()
-    output = " ".join(capsys.readouterr().out.split())
-    assert "done: 640 steps" in output and "interrupted" not in output
-    assert "morlax evaluate run" in output
 
 
 def test_a_non_finite_loss_stops_the_run_and_keeps_the_checkpoint(tmp_path):
@@ -287,22 +229,6 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
     assert iterations(tmp_path / "run") >= 5  # training went on while the evaluation was written
     resumed = train(config, Run.open(tmp_path / "run"))
     assert [row["env_steps"] for row in metrics(resumed)] == ["0", "160", "320"]
-
-
-def test_the_training_generator_writes_and_prints_nothing(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    morlax = trainer(tiny(max_seconds=0.3, max_env_steps=None), 0)
-    evaluations = Session(morlax, make_evaluator(morlax)).training(evaluate_at=(0.1, 0.2))
-    *_, last = evaluations
-    assert last.train_seconds >= 0.3
-    assert last.iteration == morlax.iteration > 0
-    morlax = trainer(tiny(evaluation={"every": 64}), 0)
-    evaluations = Session(morlax, make_evaluator(morlax)).training()
-    assert [next(evaluations).iteration for _ in range(3)] == [0, 2, 4]
-    evaluations.close()
-    assert morlax.iteration == 4
-    assert not list(tmp_path.iterdir())
-    assert capsys.readouterr() == ("", "")
 
 
 def test_nohup_protects_a_run_from_its_terminal():

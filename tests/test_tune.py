@@ -140,32 +140,6 @@ def test_a_search_writes_trials_and_a_config_that_trains(workplace, monkeypatch,
     assert rows() == table
 
 
-def test_best_yaml_of_an_own_robot_trains_with_the_same_config(workplace, scripted):
-    robot = "from morlax_torch import envs\n\n\nclass Mine(envs.get('hopper')):\n    pass\n"
-    (workplace / "mine.py").write_text(robot)
-    base = config_for("mine.py:Mine", device="cpu", worlds=32, evaluation={"tradeoffs": 5})
-    objectives = {"a": {"run": 1.0}, "b": {"jump": 2.0}}
-    base = base.model_copy(update={"task": base.task.model_copy(update={"objectives": objectives})})
-    search = search_at(workplace, base=base, **{"ppo.clip": [0.3]})
-    second = scripted(search, [1.0], [2.0] * 9)[1]
-    text = (workplace / "best.yaml").read_text()
-    assert yaml.safe_load(text)["env"] == f"{workplace}/mine.py:Mine"
-    config = train_command.read(["--config", "best.yaml", "--device", "cpu"])[0]
-    left_out = {"device", "backend"}
-    expected = search.config(second)
-    assert config.model_dump(exclude=left_out) == expected.model_dump(exclude=left_out)
-    assert config.task.objectives == objectives and config.ppo.clip == 0.3
-
-
-def test_a_line_names_the_options_that_a_trial_changes(tmp_path, scripted, capsys):
-    search = search_at(tmp_path, **{"ppo.clip": [0.3], "ppo.epochs": [4]})
-    for trial in scripted(search, [1.0], [2.0] * 9):
-        tune._print_trial(search, trial)
-    first, second = (line.split() for line in capsys.readouterr().out.splitlines())
-    assert first == ["0", "complete", "1.0000e+00", "1.00", "the", "base", "config"]
-    assert second == ["1", "complete", "2.0000e+00", "2.00", "clip=0.3"]
-
-
 def test_searches_share_the_trials_of_one_storage(tmp_path, scripted):
     base, storage = tiny(), str(tmp_path / "shared.log")
     for folder, curves in (("one", [[1.0], [2.0]]), ("other", [[3.0], [4.0]])):
@@ -218,21 +192,6 @@ def test_a_trial_that_fails_does_not_end_the_study(workplace, scripted, storage)
     assert failures[0] == ("fail", "the loss became nan.")
     assert failures[1][1].startswith("the memory is full")
     assert failures[2] == ("complete", "")
-
-
-def test_a_study_whose_trials_all_fail_says_so(workplace, scripted, capsys):
-    search = search_at(workplace)
-    scripted(search, MorlaxError("it is wrong."), MorlaxError("it is broken."))
-    with pytest.raises(MorlaxError, match="the last one because: it is broken"):
-        tune._print_end(search, 2, [])
-
-
-def test_other_errors_are_not_hidden_and_lose_no_trial(workplace, scripted):
-    search = search_at(workplace)
-    with pytest.raises(ValueError, match="a bug"):
-        scripted(search, ValueError("a bug of the task"))
-    (again,) = scripted(search, [1.0])
-    assert again.user_attrs["base"] and len(search.finished()) == 1
 
 
 def test_clearly_worse_trials_are_pruned_at_a_ninth_and_a_third_of_the_time(tmp_path, scripted):
@@ -291,14 +250,6 @@ def test_several_indicators_keep_all_non_dominated_trials(tmp_path, scripted):
     assert [trial.values[0] for trial in search.ranked()] == [3, 2, 1]
 
 
-def test_importance_finds_the_option_that_matters(tmp_path, scripted):
-    space = {"ppo.epochs": [2, 3], "ppo.learning_rate": [1e-4, 2e-4, 3e-4, 5e-4]}
-    search = search_at(tmp_path, **space)
-    assert search.importances() == {}
-    scripted(search, *[lambda config: [config.ppo.learning_rate]] * 12)
-    assert next(iter(search.importances())) == "ppo.learning_rate"
-
-
 def test_trials_change_few_options_of_the_best_trial(tmp_path, scripted):
     search = search_at(tmp_path, **space_values(None, "cpu"))
     trials = scripted(search, [1.0], [2.0], *[[0.5]] * 10)
@@ -306,13 +257,6 @@ def test_trials_change_few_options_of_the_best_trial(tmp_path, scripted):
     for earlier, later in ((0, 1), *((1, number) for number in range(2, len(trials)))):
         changed = [name for name in options[0] if options[earlier][name] != options[later][name]]
         assert 1 <= len(changed) <= 9
-
-
-def test_draws_fit_together(tmp_path, scripted):
-    space = {"sampling.clusters": [4, 7, 8, 16], "ppo.minibatches": [2, 3, 5, 8]}
-    search = search_at(tmp_path, **space)
-    scripted(search, *[[1.0]] * 20)
-    assert states(search) == ["complete"] * 20
 
 
 @pytest.mark.parametrize(
@@ -327,20 +271,9 @@ def test_the_default_space_fits_every_task(env, device_type, tmp_path, scripted)
 BAD_SPACES = {
     "empty": ("{}", "the space bad.yaml is empty"),
     "unknown option": ("ppo.learning_rat: [1]", "did you mean 'learning_rate'?"),
-    "a section": ("ppo: {clip: [1]}", "unexpected keyword argument 'clip'"),
-    "a constant": ("ppo.clip: 0.2", "ppo.clip: use a list of values"),
     "low above high": ("ppo.clip: {low: 3, high: 1}", "`low <= high` must hold"),
-    "unknown key": ("ppo.clip: {low: 1, high: 3, stop: 1}", "argument 'stop'"),
     "log of zero": ("ppo.entropy: {low: 0.0, high: 1, log: true}", "`low > 0` must hold"),
-    "text in a range": (
-        "ppo.clip: {low: a, high: 2}",
-        "could not convert string to float: 'a'",
-    ),
-    "endless": ("ppo.clip: {low: 0.1, high: .inf}", "ppo.clip: Input should be a finite number"),
-    "fractions": ("ppo.epochs: {low: 1.0, high: 3.5}", "ppo.epochs: Input should be a valid int"),
     "out of bounds": ("ppo.discount: {low: 0.9, high: 1.1}", "less than or equal to 1"),
-    "no multiples": ("task.stagger: {times: [1, 2]}", "False in the base config has no multiples"),
-    "no factors": ("worlds: {times: [0, 1]}", "use a list of positive factors"),
     "never fits": (
         "sampling.clusters: [7, 9]",
         "draws from the space bad.yaml do not fit",
@@ -349,9 +282,7 @@ BAD_SPACES = {
         f"measures {name}": (f"{name}: [{value}]", f"{name}: all trials share it")
         for name, value in {
             "env": "ant",
-            "evaluation.tradeoffs": "9",
             "task.objectives.run.run": "3",
-            "task.randomization.mass": "[0.5, 2]",
         }.items()
     },
 }
@@ -370,11 +301,8 @@ def test_a_bad_space_is_one_sentence(mistake, workplace, monkeypatch):
 BAD_OPTIONS = {
     "no time": (("--seconds", "0"), "seconds"),
     "own limit": (("--max-seconds", "5"), "itself: use --seconds instead"),
-    "own times": (("--evaluation.every", "5"), "itself: use --seconds instead"),
-    "indicator": (("--indicators", "hypervolum"), "hypervolum"),
     "indicator twice": (("--indicators", *["sparsity"] * 2), "name each indicator once"),
     "no space": (("--space", "none.yaml"), "there is no space none.yaml"),
-    "no database": (("--storage", "nosql://x"), "cannot use the storage nosql://x"),
     "a folder": (("--storage", "."), "it is not a journal"),
     "no journal": (("--storage", "line.yaml"), "line.yaml: it is not a journal"),
 }
@@ -421,18 +349,6 @@ def test_a_study_goes_on_after_a_full_disk(tmp_path, scripted):
     assert len(search_at(tmp_path).finished()) == 2
 
 
-def test_a_full_disk_under_a_database_is_one_sentence(workplace, scripted):
-    def fill(config: Config) -> list[float]:
-        with room(Path("study.db").stat().st_size):
-            for number in range(1000):
-                search.study.set_user_attr(str(number), "x" * 1000)
-        return []
-
-    search = Search(tiny(), VALUES, seconds=9.0, storage="sqlite:///study.db")
-    with pytest.raises(MorlaxError, match=r"cannot use the storage sqlite:///study.db: .+\."):
-        scripted(search, fill)
-
-
 def test_a_study_keeps_what_its_trials_share(tmp_path):
     search = search_at(tmp_path)
     for changes, option in (({"ppo.epochs": [2, 3]}, "space"), ({"seconds": 8.0}, "seconds")):
@@ -442,23 +358,6 @@ def test_a_study_keeps_what_its_trials_share(tmp_path):
     assert plan.pop("start_from") is None  # a study from before an option existed goes on
     search.study.set_user_attr("plan", plan)
     search_at(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "range"),
-    [
-        ("ppo.clip", 0.22, {"low": 0.1, "high": 0.4, "step": 0.05}),
-        ("ppo.epochs", 4, {"low": 3, "high": 9, "step": 2}),
-        ("ppo.entropy", 0.02, {"low": 0, "high": 1}),
-    ],
-)
-def test_a_base_config_between_the_steps_of_a_range_is_trial_0(
-    option, value, range, tmp_path, scripted
-):
-    base = config_for("hopper", **{"device": "cpu", option: value})
-    search = search_at(tmp_path, base=base, **{option: range})
-    first, second = (search.config(trial) for trial in scripted(search, [1.0], [1.0]))
-    assert first == search.base and second != search.base
 
 
 def test_trials_start_from_the_policies_that_the_config_names(tmp_path):
@@ -475,12 +374,6 @@ def test_a_missing_optuna_names_the_extra(workplace, monkeypatch, capsys):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "optuna", None)
     assert "pip install 'morlax-torch[tune]'" in refused(monkeypatch, capsys)
-
-
-def test_torchrun_is_refused(monkeypatch):
-    monkeypatch.setattr(tune, "SEVERAL", True)
-    with pytest.raises(MorlaxError, match="start it without torchrun"):
-        tune.command(TINY)
 
 
 def test_workers_are_spread_over_gpus(monkeypatch):

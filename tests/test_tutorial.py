@@ -2,11 +2,9 @@
 
 import json
 import shlex
-import tomllib
 from pathlib import Path
 
 import notebook
-import pages
 import pytest
 
 from morlax_torch import envs
@@ -63,22 +61,3 @@ def test_the_notebook_is_the_page():
     page = (DOCS / "tutorial.md").read_text()
     stored = (DOCS / "tutorial.ipynb").read_text()
     assert notebook.notebook(page) == stored, "run python docs/site/notebook.py"
-
-
-def test_colab_installs_the_package_and_lends_a_gpu():
-    content = json.loads((DOCS / "tutorial.ipynb").read_text())
-    install = "".join(content["cells"][0]["source"])
-    assert install.startswith(INSTALL)
-    extras = set(install.partition("[")[2].partition("]")[0].split(","))
-    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())["project"]
-    assert extras <= set(project["optional-dependencies"])
-    assert content["metadata"]["accelerator"] == "GPU"
-    assert content["metadata"]["colab"] == {"gpuType": "T4", "provenance": []}
-
-
-def test_the_site_links_to_colab_if_the_repository_is_on_github():
-    page = DOCS / "tutorial.md"
-    link = "https://colab.research.google.com/github/name/repo/blob/main/docs/tutorial.ipynb"
-    assert f"]({link})" in pages.rendered(page, "https://github.com/name/repo")
-    for elsewhere in (None, "https://gitlab.com/name/repo"):
-        assert "colab" not in pages.rendered(page, elsewhere)

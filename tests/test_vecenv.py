@@ -161,23 +161,6 @@ def test_a_run_trains_and_resumes_in_the_only_environment(tmp_path):
     assert rows[-1].split(",")[1] == "480"
 
 
-@pytest.mark.parametrize(
-    ("again", "tradeoffs", "message"),
-    [
-        (False, 6, r"make_env fails.*context already exists.*return the same environment"),
-        (True, 9, r"has 16 worlds.*should be 18.*evaluation\.tradeoffs .*two sets of episodes"),
-    ],
-)
-def test_evaluations_that_the_only_environment_cannot_have_are_refused(
-    tmp_path, again, tradeoffs, message
-):
-    envs.register(f"line-{tradeoffs}", alone(again))
-    config = config_for(f"line-{tradeoffs}", **{**TINY, "evaluation.tradeoffs": tradeoffs})
-    with pytest.raises(MorlaxError, match=message):
-        train(config, output=tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
 def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
     def terms(env, extras):
         return {**extras["terms"], "go": torch.tensor([math.nan, 1.0, 1.0])}
@@ -186,25 +169,3 @@ def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
     step = envs.make("faulty-line", 3, "cpu").step(torch.ones(3, 1))
     assert step.blown_up.tolist() == step.terminated.tolist() == [True, False, False]
     assert step.reward[0].tolist() == [0, 0] and step.reward[1:].isfinite().all()
-
-
-@pytest.mark.parametrize("change", [lambda x: x[:1], lambda x: x.tolist()])
-def test_numbers_of_another_shape_are_one_sentence(change):
-    class Misshapen(Line):
-        def step(self, actions):
-            seen, reward, dones, extras = super().step(actions)
-            return seen, reward, dones, {**extras, "time_outs": change(extras["time_outs"])}
-
-    envs.register(f"short-{change}", envs.from_vecenv(Misshapen, LineWorlds.read_terms, GOALS))
-    env = envs.make(f"short-{change}", 3, "cpu")
-    with pytest.raises(MorlaxError, match=r"gives time_outs as .* must be a tensor of shape \(3,"):
-        env.step(torch.ones(3, 1))
-
-
-def test_rsl_rl_is_told_that_it_cannot_shift_the_time_limits_of_such_worlds():
-    pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
-    from morlax_torch.adapters.rsl_rl import RslRlVecEnv
-
-    env = RslRlVecEnv(NAME, (0.5, 0.5), 4, "cpu")
-    with pytest.raises(MorlaxError, match=r"keeps its own time limits.*random_ep_len=False"):
-        env.episode_length_buf = torch.zeros(4)

@@ -1,9 +1,7 @@
 """The web page's graphs and models are those of the tasks, and mistakes are explained."""
 
-import http.client
 import io
 import json
-import urllib.error
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +11,12 @@ import pytest
 import web_robots
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.commands import pack
-from morlax_torch.commands.terminal import cli
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
 from morlax_torch.viewers import libraries
-from morlax_torch.viewers.describing import drawn_arrays
-from morlax_torch.viewers.web import writing
 from morlax_torch.viewers.web.model import compiled
 from morlax_torch.viewers.web.tracing import TOLERANCE, PagePhysics, check, trace
-from morlax_torch.viewers.web.writing import build, described, start
+from morlax_torch.viewers.web.writing import build, start
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid", "Tumbler")]
@@ -110,32 +104,7 @@ def test_a_page_shows_the_nominal_robot_of_a_mujoco_task(make_policy):
         build(policy)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("crowd")
-@pytest.mark.parametrize(("task", "body"), [("crowd", "robot"), ("bowling", "ball")])
-def test_a_page_pushes_and_follows_the_robot_or_the_named_body(task, body, make_policy):
-    env, model = build(make_policy(task))
-    about = described(env, trace(env), model)
-    body = env.physics.model.body(body)
-    assert about["followed"] == body.id
-    assert about["pushed"] == [body.dofadr[0], body.dofadr[0] + 1]
-    assert read_arrays(start(make_policy(task), env))["followed"] == body.id
-
-
 # The recorded start
-
-MESHES = """
-<mujoco>
-  <asset>
-    <mesh name="hidden" vertex="0 0 0 1 0 0 0 1 0 0 0 1 1 1 1"/>
-    <mesh name="shown" vertex="0 0 0 2 0 0 0 2 0 0 0 2"/>
-  </asset>
-  <worldbody>
-    <geom type="mesh" mesh="hidden" group="3"/>
-    <geom type="mesh" mesh="shown"/>
-  </worldbody>
-</mujoco>
-"""
 
 
 def test_the_recorded_start_is_the_robot_with_even_weights(make_policy):
@@ -164,18 +133,6 @@ def test_the_recorded_start_is_the_robot_with_even_weights(make_policy):
     np.testing.assert_array_equal(recorded["geom_type"], model.geom_type)
 
 
-def test_pages_get_no_meshes_that_they_do_not_draw():
-    model = mujoco.MjModel.from_xml_string(MESHES)
-    arrays = drawn_arrays(model)
-    first, count = model.mesh_vertadr[1], model.mesh_vertnum[1]
-    np.testing.assert_array_equal(arrays["mesh_vert"], model.mesh_vert[first : first + count])
-    first, count = model.mesh_faceadr[1], model.mesh_facenum[1]
-    np.testing.assert_array_equal(arrays["mesh_face"], model.mesh_face[first : first + count])
-    assert len(model.mesh_face) > count
-    assert arrays["mesh_faceadr"][1] == arrays["mesh_vertadr"][1] == 0
-    assert list(arrays["mesh_facenum"]) == [0, count]
-
-
 def read_arrays(data: bytes) -> dict[str, Any]:
     """Read what `array_bytes` returned, as the page does."""
     begin = 4 + int(np.frombuffer(data, np.int32, 1)[0])
@@ -188,23 +145,6 @@ def read_arrays(data: bytes) -> dict[str, Any]:
 # Libraries
 
 
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [
-        (urllib.error.URLError("no route to host"), r" \(no route to host\)"),
-        (http.client.IncompleteRead(b"half", 999), "IncompleteRead"),
-    ],
-)
-def test_a_download_that_fails_is_one_sentence(error, reason, tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise error
-
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("urllib.request.urlopen", fail)
-    with pytest.raises(MorlaxError, match=f"cannot download https.*{reason}"):
-        libraries.files()
-
-
 def test_a_changed_download_is_refused_and_not_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("urllib.request.urlopen", lambda *_, **__: io.BytesIO(b"other"))
@@ -214,34 +154,3 @@ def test_a_changed_download_is_refused_and_not_kept(tmp_path, monkeypatch):
 
 
 # The command
-
-
-@pytest.fixture
-def no_libraries(monkeypatch):
-    monkeypatch.setattr(writing.libraries, "files", dict)
-
-
-def test_nothing_is_left_of_a_page_that_cannot_be_written(tmp_path, make_run, no_libraries):
-    make_run(tmp_path / "run", "hopper", "best")
-    for runs, message in (([str(tmp_path / "none")], "does not exist"), (["nothing"], "shipped")):
-        with pytest.raises(MorlaxError, match=message):
-            writing.write_page(runs, tmp_path / "page")
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_a_folder_in_use_is_kept(tmp_path, no_libraries, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine").touch()
-    for folder in (tmp_path, Path()):
-        with pytest.raises(MorlaxError, match="exists already"):
-            writing.write_page(["hopper"], folder)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
-
-
-@pytest.mark.parametrize("arguments", [[], ["hopper"], ["hopper", "ant", "page"]])
-def test_the_command_asks_for_a_run_and_a_folder(arguments, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["pack", *arguments])
-    with pytest.raises(SystemExit) as end:
-        cli.run(pack.command)
-    assert end.value.code == 2
-    assert "RUN ... --web FOLDER" in capsys.readouterr().err

@@ -17,7 +17,6 @@ from browsing import COARSE, FEW_FRAMES, PATIENCE, chromium, until
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
-from morlax_torch.runs.loading import bookmark
 from morlax_torch.train import train
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.web.writing import build, write_page
@@ -88,7 +87,6 @@ def folder(tmp_path_factory) -> Path:
         task, **small, **{"sampling.clusters": 4, "ppo.minibatches": 1, "evaluation.tradeoffs": 4}
     )
     run = train(config, output=place / "run").folder
-    bookmark(run, "calm", (0.25, 0.75))
     write_page(["cheetah3", str(run)], place / "page")
     return place / "page"
 
@@ -191,17 +189,6 @@ def test_observations_and_actions_are_those_of_python(empty, site, folder, numbe
         torch.testing.assert_close(observation, env.observe(), atol=1e-4, rtol=1e-5)
 
 
-def test_trade_offs_change_the_gait(empty, site):
-    returns = {}
-    for tradeoff in ((1, 0, 0), (0, 1, 0)):
-        steps = empty.evaluate(ACT, [site, "runs/0", tradeoff, 150])
-        returns[tradeoff] = np.sum([step["reward"] for step in steps], 0)
-        returns[tradeoff] = np.append(returns[tradeoff], steps[-1]["qpos"][0])
-    fast, lazy = returns.values()
-    assert fast[0] > lazy[0] + 50 and lazy[1] > fast[1] + 50  # objectives: run, energy
-    assert fast[3] > lazy[3] + 1  # m along x
-
-
 # The recorded start
 
 
@@ -239,14 +226,6 @@ def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
     assert not visit.complaints
 
 
-def test_a_link_opens_a_bookmark(visit):
-    page = visit("?run=Tumbler&tradeoff=@calm")
-    runs(page)
-    assert page.locator("#weights output").all_inner_texts() == ["25 %", "75 %"]
-    assert page.locator("#bookmarks button").all_inner_texts() == ["@calm"]
-    assert page.is_visible("#talk") and not visit.complaints
-
-
 def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
     page = visit()
     runs(page)
@@ -269,26 +248,6 @@ def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
     page.wait_for_function("document.title.startsWith('Tumbler')")
     runs(page)
     expect(page.locator("#weights .name")).to_have_text(["go", "save"])
-    assert not visit.complaints
-
-
-def test_the_map_tells_of_points_and_is_walked_with_arrow_keys(visit):
-    page = visit("?run=cheetah3&tradeoff=1,0,0")
-    runs(page)
-    axes = page.locator("#front .axis").all_text_contents()
-    assert len(axes) == 2 and all(text.endswith(" per second") for text in axes)
-    circle = page.locator("#front circle:not(.dominated):not(.mark)").first
-    circle.hover(force=True)
-    tip = page.inner_text(".tip")
-    assert tip.count("%") == 3 and "run" in tip and "per second" in tip
-    before = page.url
-    page.focus("#front svg")
-    for _ in range(3):
-        page.keyboard.press("ArrowRight")
-    for _ in range(8):
-        page.keyboard.press("ArrowLeft")
-    expect(page.locator("#weights output")).not_to_have_text(["100 %", "0 %", "0 %"])
-    assert page.url == before  # until a pointer or a slider is let go
     assert not visit.complaints
 
 
@@ -320,47 +279,6 @@ def test_robots_are_compared_and_chosen_without_a_server(visit):
     expect(page.locator("#front .out")).to_have_count(0)
     assert page.get_by_role("button", name="A or B?").count() == 0 and page.is_hidden("#keep")
     assert not visit.complaints
-
-
-def test_a_pause_looks_back_and_what_follows_is_a_replay(visit):
-    page = visit("?run=cheetah3")
-    page.wait_for_function("parseFloat(document.getElementById('clock').textContent) > 0.6")
-    page.click("#pause")
-    expect(page.locator("#timeline")).to_be_visible()
-    now = float(page.inner_text("#clock").split()[0])
-    page.locator("#timeline").press("Home")
-    page.wait_for_function("parseFloat(document.getElementById('clock').textContent) < 0.1")
-    with page.expect_download() as download:
-        page.click("#photo")
-    assert download.value.suggested_filename == "cheetah3 0.333,0.333,0.333.png"
-    page.click("#pause")
-    shown = "parseFloat(document.getElementById('clock').textContent)"
-    page.wait_for_function(f"{shown} > 0.1 && {shown} < {now}")
-    page.wait_for_function(f"{shown} > {now}")
-    expect(page.locator("#timeline")).to_be_hidden()
-    assert not visit.complaints
-
-
-def test_a_robot_that_cannot_be_loaded_leaves_the_other_on_the_stage(visit):
-    # a service worker's requests cannot be stopped
-    page = visit("?run=cheetah3", before="delete Navigator.prototype.serviceWorker")
-    runs(page)
-    page.route("**/runs/1/policy.onnx.packed", lambda route: route.abort())
-    page.select_option("#run", label="Tumbler")
-    page.wait_for_function("document.getElementById('event').textContent.includes('policy.onnx')")
-    assert page.title() == "cheetah3 · morlax" and page.is_hidden("#loading")
-    assert page.locator("#run option:checked").inner_text() == "cheetah3"
-    runs(page)
-    page.unroute("**/runs/1/policy.onnx.packed")
-    page.select_option("#run", label="Tumbler")
-    page.wait_for_function("document.title.startsWith('Tumbler')")
-    runs(page)
-
-
-def test_an_unknown_robot_is_named(visit):
-    page = visit("?run=hare")
-    page.wait_for_selector("#problem:not([hidden])")
-    assert page.inner_text("#problem") == "There is no robot hare here, but cheetah3, Tumbler."
 
 
 def test_a_second_visit_needs_no_network(visit):
@@ -412,7 +330,6 @@ def test_on_a_phone_the_panel_lies_below_the_robot_and_is_large_enough_to_tap(vi
     ("before", "sentence"),
     [
         ("HTMLCanvasElement.prototype.getContext = () => null", "cannot draw in 3D"),
-        ("delete globalThis.WebAssembly", "lacks WebAssembly"),
         ("const get = fetch; globalThis.fetch = () => get('nowhere')", "is missing on this web"),
     ],
 )

@@ -95,14 +95,6 @@ def test_their_run_is_evaluated_and_resumed_in_new_worlds(tmp_path, capsys):
             use()
 
 
-def test_resumable_worlds_must_have_a_state():
-    class Forgetful(Points):
-        resumable = True
-
-    with pytest.raises(MorlaxError, match=r"Forgetful does not define state_dict"):
-        envs.register("forgetful", Forgetful)
-
-
 @pytest.mark.parametrize("name", [POINTS, "cheetah", "bruce"])
 @pytest.mark.parametrize("backend", ["mujoco", "warp"])
 def test_a_step_keeps_no_graph_of_the_actions(name, backend):

@@ -228,28 +228,6 @@ def test_where_few_worlds_take_as_long_as_many_training_starts_without_an_evalua
         assert schedule.evaluation_due() == due
 
 
-def test_evaluations_at_given_times():
-    progress = Progress()
-    schedule = planned(progress, max_seconds=9.0, times=(1.0, 3.0))
-    found = []
-    for seconds in range(10):
-        progress.train_seconds = float(seconds)
-        if schedule.evaluation_due():
-            found.append(seconds)
-            schedule.evaluated(cost=0.8)
-    assert found == [0, 1, 3]  # and at the end, as always
-
-
-def test_a_slow_learner_stops_at_its_time_limit():
-    progress = Progress(train_seconds=3.0, steps_per_second=50.0)
-    schedule = planned(progress, 3, max_seconds=6.5, **{"evaluation.every": 10**6})
-    assert not schedule.over()
-    assert schedule.seconds() == 3.5
-    assert schedule.iterations() == 2
-    progress.train_seconds = 6.5
-    assert schedule.over()
-
-
 @pytest.mark.parametrize(
     ("limits", "done"),
     [

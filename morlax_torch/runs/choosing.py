@@ -182,7 +182,8 @@ class Chooser:
         if not self._random or self._evaluator is None:
             return int(ranked[0]), values[ranked[0]], float(values[free, required.maximized])
         agent, env, protocol = self._evaluator.agent, self._evaluator.env, self._evaluator.protocol
-        points, seeds = torch.ones(FINALISTS, len(required.objectives)), env.num_worlds // FINALISTS
+        points = torch.ones(FINALISTS, len(required.objectives), dtype=torch.float32)
+        seeds = env.num_worlds // FINALISTS
         evaluator = Evaluator(agent, env, points, protocol, self._seed + 1, seeds, alone=True)
         evaluator.compile()
         finalists, values = np.empty(0, dtype=int), np.empty((0, len(required.names)))
