@@ -409,7 +409,9 @@ class Environment(Robot):
             MorlaxError: left and right of the robot or of its objectives differ.
         """
         # A few of the models that a task may draw decide nothing: compare the nominal one.
-        nominal = type(type(self).__name__, (type(self),), {"vary_model": lambda env, seed: {}})
+        nominal: Any = type(
+            type(self).__name__, (type(self),), {"vary_model": lambda env, seed: {}}
+        )
         changes = {"randomization": Randomization(), "stagger": False}
         options = self.options.model_copy(update=changes)
         physics = MujocoPhysics(self.compile_model(options), 2 * PAIRS, self.substeps)

@@ -353,7 +353,8 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
     for name in (name for name, each in zip(worlds.objectives, far, strict=True) if each):
         raise _cannot(f"its mirror image has other rewards of the objective {name}")
     limit = ALMOST if tolerance else None
-    observation = _matching(*torch.stack(seen[SETTLE:], 1).flatten(1, 2), limit)
+    plain, image = torch.stack(seen[SETTLE:], 1).flatten(1, 2)
+    observation = _matching(plain, image, limit)
     if observation.is_none:
         raise _cannot("it has no left and right")
     return Mirror(observation, motion.motors)

@@ -1,7 +1,7 @@
 """Scalarizations: how a trade-off turns the returns of several objectives into one utility."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
@@ -276,7 +276,7 @@ def make_scalarization(name: str, objectives: Sequence[str], device: torch.devic
     trust(name)
     file, _, member = name.rpartition(":")
     module = import_file(file, f"the utility {member}")
-    functions = {key: value for key, value in vars(module).items() if callable(value)}
+    functions: dict[str, Any] = {key: f for key, f in vars(module).items() if callable(f)}
     if member not in functions:
         raise unknown(f"function of {file}", member, functions)
     return OwnUtility(functions[member], name, num_objectives, device)

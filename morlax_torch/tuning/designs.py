@@ -3,7 +3,7 @@
 import csv
 import io
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -107,7 +107,8 @@ class Designer:
         }
         ranges |= {f"weight of {x}": FloatDistribution(0, 1) for x in self.policy.objectives}
         sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
-        study = optuna.create_study(directions=["maximize"] * m, sampler=sampler)
+        directions: list[Any] = ["maximize"] * m
+        study = optuna.create_study(directions=directions, sampler=sampler)
         for row in best_first(start.returns)[:population]:
             numbers = map(float, (*start.designs[row], *start.tradeoffs[row]))
             study.enqueue_trial(dict(zip(ranges, numbers, strict=True)))

@@ -134,7 +134,9 @@ def _distribution(choices: Any, base: Any) -> Distribution:
     if not isinstance(choices, dict):
         raise ValueError(f"use a list of values or {{low: ..., high: ...}}, not {choices!r}")
     # YAML takes 1e-4 as text
-    fields = {key: float(x) if isinstance(x, str) else x for key, x in choices.items()}
+    fields: dict[str, Any] = {
+        key: float(x) if isinstance(x, str) else x for key, x in choices.items()
+    }
     whole = all(isinstance(value, int) for value in fields.values())
     return IntDistribution(**fields) if whole else FloatDistribution(**fields)
 

@@ -76,8 +76,9 @@ def _episode(
             break
         error = np.linalg.norm(command[:2] - made.velocity[:2])
         rows.append((error, made.power, np.linalg.norm(made.velocity[:2])))
-    means = [float(np.mean(column)) for column in zip(*rows, strict=True)] or [np.nan] * 3
-    return Episode(float(fallen), (len(rows) + fallen) * robot.dt, *means, robot.weight())
+    error, power, speed = np.mean(rows, axis=0).tolist() if rows else [np.nan] * 3
+    seconds = (len(rows) + fallen) * robot.dt
+    return Episode(float(fallen), seconds, error, power, speed, robot.weight())
 
 
 def summary(episodes: Sequence[Episode]) -> Episode:
