@@ -39,7 +39,7 @@ WRITTEN = {
 
 
 def main() -> None:
-    # play needs the export of a task of mjlab, which tests/test_mjlab_play.py has
+    # play needs the export of a task of mjlab, which tests/viewers/test_mjlab_play.py has
     assert {*LINES, "explore", "play"} == set(COMMANDS), "a command is not tried"
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)

@@ -39,7 +39,7 @@ from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
 from morlax_torch.viewers.filming.film import Film
 
-PAGES = Path(__file__).parent.parent / "docs"
+PAGES = Path(__file__).parents[2] / "docs"
 TASKS = ("design/hopper", "design/cheetah", "design/ant")
 DRAWN = ("tex", "mat", "names", "bvh", "name_")  # beginnings of fields for pictures and names
 SMALL = {

@@ -11,7 +11,7 @@ from acting import random_actions, still
 from morlax_torch import envs
 from morlax_torch.envs.physics.warp import WarpPhysics
 
-REFERENCE = Path(__file__).parent / "reference"
+REFERENCE = Path(__file__).parents[1] / "reference"
 BACKENDS = ("mujoco", "warp")
 BUILT_IN = [name for name in envs.names() if "/" not in name]
 ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")

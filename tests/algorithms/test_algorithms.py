@@ -28,7 +28,7 @@ from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import Schedule, make_evaluator
 from morlax_torch.train import train
 
-TASK = f"{Path(__file__).with_name('closed_form.py')}:{Quadratic.__name__}"
+TASK = f"{Path(__file__).parents[1] / 'closed_form.py'}:{Quadratic.__name__}"
 WORLDS, HORIZON, CLUSTERS = 64, 4, 8
 SMALL: dict[str, Any] = {
     "device": "cpu",

@@ -8,7 +8,7 @@ import pytest
 from reference import generate
 
 ASSETS = importlib.resources.files("morlax_torch.envs.robots") / "assets"
-REFERENCE = Path(__file__).parent / "reference"
+REFERENCE = Path(__file__).parents[1] / "reference"
 
 # Not compared: properties that depend on sensors, cameras and the appearance of the ground (the
 # package keeps only the sensors that tasks read and draws an infinite ground plane around x = 0),

@@ -15,7 +15,7 @@ from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.runs import Run
 from morlax_torch.train import train
 
-PAGE = Path(__file__).parent.parent / "docs" / "training.md"
+PAGE = Path(__file__).parents[2] / "docs" / "training.md"
 LONG = {"max_env_steps": 320, "evaluation.every": 160}
 OTHERS = (
     {"ppo.optimizer": "joint", "ppo.critic": "scalar"},

@@ -9,7 +9,7 @@ from pathlib import Path
 import faults
 import pytest
 
-RECORD = Path(__file__).parent / "gpu_runs.csv"
+RECORD = Path(__file__).parents[1] / "gpu_runs.csv"
 TESTS = """
 import pytest
 
@@ -63,7 +63,7 @@ def test_the_last_run_on_a_gpu_had_no_failure():
 
 
 def test_every_known_fault_can_be_injected():
-    checkout = Path(__file__).parents[1]
+    checkout = Path(__file__).parents[2]
     every = faults.read()
     stale = [f for f in every if faults.occurrences(f, checkout) != 1]
     assert not stale

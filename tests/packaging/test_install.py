@@ -10,7 +10,7 @@ import pytest
 
 from morlax_torch import __version__
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 LARGEST = 25e6  # bytes of the wheel
 BUILD_EVERY_TASK = """
 import morlax_torch

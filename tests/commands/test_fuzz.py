@@ -2,7 +2,7 @@
 
 CI tries a few of each. To try them for half an hour each, two at a time:
 
-    python -m pytest tests/test_fuzz.py --fuzz-minutes 30 -n 2 -s
+    python -m pytest tests/commands/test_fuzz.py --fuzz-minutes 30 -n 2 -s
 """
 
 import contextlib

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
 
-REFERENCE = Path(__file__).parent / "reference"
+REFERENCE = Path(__file__).parents[1] / "reference"
 BACKENDS = ("mujoco", "warp")
 TOLERANCE = 1e-9
 

@@ -10,7 +10,7 @@ import pytest
 from morlax_torch import envs
 from morlax_torch.__main__ import command
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 LONG = "max_env_steps=300_000"
 SHORT = 'max_env_steps=4_096, evaluation={"tradeoffs": 64}'

@@ -409,7 +409,7 @@ def test_reset_noise_keeps_loops_closed(noise):
 
 @pytest.mark.parametrize("iterations", (None, 8))
 def test_eight_solver_iterations_converge_and_the_paper_s_two_do_not(backend, iterations):
-    with np.load(Path(__file__).parent / "reference" / "walker.npz") as file:
+    with np.load(Path(__file__).parents[1] / "reference" / "walker.npz") as file:
         actions = torch.from_numpy(file["action"]).float()
         converged = file["qpos_converged"][:, -1]
     env = make("walker", backend, 2, solver_iterations=iterations, auto_reset=False)

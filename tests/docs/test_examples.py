@@ -12,7 +12,7 @@ import torch
 from morlax_torch import MORLAX, config_for, envs, pareto
 from morlax_torch.host.resources import one_thread
 
-EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"
 
 

@@ -19,7 +19,7 @@ import warp as wp
 from morlax_torch import __file__ as package
 from morlax_torch.envs.bridges import playground
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FOLDERS = (Path(package).parent, ROOT / "envs")
 # os._exit and the methods of named tuples are documented
 PUBLIC = {"_exit", "_asdict", "_replace", "_fields", "_field_defaults"}

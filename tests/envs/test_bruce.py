@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from morlax_torch.envs.robots.bruce import model as bruce
 
-FACTS = Path(__file__).parent / "reference" / "bruce.csv"
+FACTS = Path(__file__).parents[1] / "reference" / "bruce.csv"
 CHAINS = ("closed", "tree")
 
 

@@ -16,7 +16,7 @@ from morlax_torch import config_for
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.process import program
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def python(*words: str) -> subprocess.CompletedProcess:

@@ -21,7 +21,7 @@ from morlax_torch.exports.exporting import manifest
 from morlax_torch.runs.references import copy_files
 from morlax_torch.viewers.player import Player
 
-PAGE = Path(__file__).parent.parent / "docs" / "your-own-robot.md"
+PAGE = Path(__file__).parents[2] / "docs" / "your-own-robot.md"
 
 
 def shown(name: str) -> str:

@@ -23,7 +23,7 @@ from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import load
 from morlax_torch.runs.progress import Progress
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 A_RUN = re.compile(r"runs/cheetah\b")  # names the newest run
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FRESH_ONLY = ("export", "integrations")  # pages whose code only runs in fresh processes

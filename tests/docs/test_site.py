@@ -13,7 +13,7 @@ import pytest
 
 from morlax_torch.__main__ import COMMANDS
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 SCRIPTS = [
     *("docs/site/build_site.py", "docs/site/notebook.py", "docs/site/pictures.py"),
