@@ -5,6 +5,7 @@ from typing import Any
 
 import gymnasium
 import mujoco_warp
+import numpy as np
 import pytest
 import torch
 from tiny import Blind
@@ -228,14 +229,14 @@ def test_a_learner_trains_on_the_second_gpu():
     assert_same_training(*(trainer("cheetah", r, device="cuda:1") for r in (False, True)))
 
 
-def tf32_learner(task: str, device: str = "cuda", **ppo: Any) -> MORLAX:
+def tf32_learner(task: str, device: str = "cuda", draw: int = 0, **ppo: Any) -> MORLAX:
     """Build a learner whose policies and values depend on the trade-off, unlike at the start."""
     network = {"symmetric": True, "asymmetry": 0.3} if task == "walker" else {}
     config = load_config({"env": task, **SMALL, "network": network, "ppo": {**SMALL["ppo"], **ppo}})
     torch.set_float32_matmul_precision("highest")
     morlax = MORLAX(envs.make(task, config.worlds, device, deterministic=True), config)
     assert torch.get_float32_matmul_precision() == "high"  # building a learner enables TF32
-    generator = torch.Generator(device).manual_seed(0)
+    generator = torch.Generator(device).manual_seed(draw)
     for family in (morlax.agent.actor, morlax.agent.critic):
         nn.init.normal_(family.weight, std=0.01, generator=generator)
     return morlax
@@ -261,18 +262,30 @@ def learn_from(
 @pytest.mark.parametrize("device", ["cuda", pytest.param("cuda:1", marks=two_gpus)])
 @pytest.mark.parametrize("task", ["cheetah", "ant", "humanoid", "walker"])
 def test_an_update_with_fused_kernels_is_that_of_torch(task: str, device: str, monkeypatch):
+    """The error of the kernels is that of torch in TF32: in the median of five draws of networks.
+
+    A policy's gradient divides by small spreads, so the errors of both, and which is larger, vary
+    from draw to draw: on ant by factors from 0.4 to 4.5.
+    """
     one_step = {"minibatches": 1, "epochs": 1}
-    found = tf32_learner(task, device, **one_step)
-    state, seen = explored(found)
-    moments = [learn_from(found, state, seen)]  # of one step: a tenth of the clipped gradient
-    monkeypatch.setattr(fused, "kernels", lambda device: None)
-    for precision in ("high", "highest"):  # TF32, and exact
-        learner = tf32_learner(task, device, **one_step)
-        torch.set_float32_matmul_precision(precision)
-        moments.append(learn_from(learner, state, seen))
-    for mine, rounded, exact in zip(*moments, strict=True):
-        # a policy's gradient divides by small spreads, so the error of TF32 depends on the task
-        assert (mine - exact).norm() < 3 * (rounded - exact).norm() + 1e-4 * exact.norm()
+    ratios = []
+    for draw in range(5):
+        morlax = tf32_learner(task, device, draw, **one_step)
+        state, seen = explored(morlax)
+        moments = [learn_from(morlax, state, seen)]  # of one step: a tenth of the clipped gradient
+        with monkeypatch.context() as without:
+            without.setattr(fused, "kernels", lambda device: None)
+            for precision in ("high", "highest"):  # TF32, and exact
+                learner = tf32_learner(task, device, draw, **one_step)
+                torch.set_float32_matmul_precision(precision)
+                moments.append(learn_from(learner, state, seen))
+        ratios.append(
+            [
+                float((mine - exact).norm() / ((rounded - exact).norm() + 1e-4 * exact.norm()))
+                for mine, rounded, exact in zip(*moments, strict=True)
+            ]
+        )
+    assert np.median(ratios, 0).max() < 3
 
 
 @pytest.mark.parametrize("task", ["cheetah", "ant"])
