@@ -68,10 +68,11 @@ def transforms() -> None:
     assert torch.vmap(active)(torch.zeros(2)).tolist() == [1, 1]
 
 
-@private("torch", "_cdata", "_version")
+@private("torch", "_base", "_cdata", "_version")
 def memory() -> None:
     whole = torch.zeros(2, 6)
     part = whole[:, :3]
+    assert part._base is whole and whole._base is None
     assert part.untyped_storage()._cdata == whole.untyped_storage()._cdata
     before = whole._version
     part.add_(1)
