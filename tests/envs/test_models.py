@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference import generate
+import reference_trajectories as generate
 
 ASSETS = importlib.resources.files("morlax_torch.envs.robots") / "assets"
 REFERENCE = Path(__file__).parents[1] / "reference"

@@ -1,8 +1,8 @@
 """Make the reference files of five robots from their published models.
 
-python tests/reference/generate.py MODELS          # compare with the files in this folder
-python tests/reference/generate.py MODELS --write  # replace what differs
-python tests/reference/generate.py MODELS --mjx    # MJX's array only; needs mujoco-mjx 3.4.0
+python benchmarks/reference_trajectories.py MODELS          # compare with the files in tests/reference
+python benchmarks/reference_trajectories.py MODELS --write  # replace what differs
+python benchmarks/reference_trajectories.py MODELS --mjx    # MJX's array only; needs mujoco-mjx 3.4.0
 
 MODELS is the folder `src/moplayground/envs/dmcontrol/model` of commit 3052383 of
 https://github.com/dynamicmobility/moplayground. Nothing of this repository is imported. The
@@ -17,7 +17,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).parents[1] / "tests" / "reference"
 CONTROL_STEP = 0.01  # s
 CONVERGED = {"iterations": 100, "ls_iterations": 50, "tolerance": 1e-10}
 
