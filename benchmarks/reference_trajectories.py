@@ -1,8 +1,8 @@
 """Make the reference files of five robots from their published models.
 
-python benchmarks/reference_trajectories.py MODELS          # compare with the files in tests/reference
+python benchmarks/reference_trajectories.py MODELS          # compare with tests/reference
 python benchmarks/reference_trajectories.py MODELS --write  # replace what differs
-python benchmarks/reference_trajectories.py MODELS --mjx    # MJX's array only; needs mujoco-mjx 3.4.0
+python benchmarks/reference_trajectories.py MODELS --mjx    # MJX's array, by mujoco-mjx 3.4.0
 
 MODELS is the folder `src/moplayground/envs/dmcontrol/model` of commit 3052383 of
 https://github.com/dynamicmobility/moplayground. Nothing of this repository is imported. The
