@@ -22,7 +22,7 @@ from walks import Array, Walks, walks
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs import resolve_device
-from morlax_torch.envs.robots.bruce.gaits import Library
+from morlax_torch.envs.robots.bruce.reference import Library
 from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.figures.style import RUNS, blank
 from morlax_torch.evaluation.front import Front

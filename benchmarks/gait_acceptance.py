@@ -2,11 +2,11 @@
 
 import mujoco
 import numpy as np
+from gait_library import Gait
 from gait_planner import STANCE, Motion, Planner
 from numpy.typing import NDArray
 
 from morlax_torch.envs.robots.bruce import model as bruce
-from morlax_torch.envs.robots.bruce.gaits import Gait
 
 INSTANTS = 81  # samples per step
 STEPS = 25  # to walk in simulation without falling: 10 s

@@ -12,10 +12,11 @@ from math import comb
 
 import mujoco
 import numpy as np
+from gait_library import Constants, Gait
 from numpy.typing import NDArray
 
 from morlax_torch.envs.robots.bruce import model as bruce
-from morlax_torch.envs.robots.bruce.gaits import DEGREE, Constants, Gait
+from morlax_torch.envs.robots.bruce.reference import DEGREE
 
 STANCE = ("right", "left")  # stance foot of the two steps: the left foot swings first
 SAMPLES = 41  # per step, in planning

@@ -2,11 +2,11 @@
 
 import mujoco
 import numpy as np
+from gait_library import Gait
 from gait_planner import GRAVITY, STANCE, Motion, Planner
 from numpy.typing import NDArray
 
 from morlax_torch.envs.robots.bruce import model as bruce
-from morlax_torch.envs.robots.bruce.gaits import Gait
 
 CONTROL_STEPS = 20  # per step of a gait, 20 ms each
 FALLEN = 0.2  # m; a robot with a lower base has fallen

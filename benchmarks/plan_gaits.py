@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 from gait_acceptance import LIMITS, MIN_WALKED, STEPS, measure
+from gait_library import FORWARD, SIDEWAYS, Gait, Library
 from gait_planner import Planner
 from gait_walk import Walker
 from rich import box
@@ -17,7 +18,6 @@ from rich.progress import track
 from rich.table import Table
 
 from morlax_torch.commands.terminal.cli import console
-from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Gait, Library
 from morlax_torch.host.files import replacing
 
 

@@ -25,37 +25,31 @@ if TYPE_CHECKING:
     from .worlds.interface import TimeStep, Worlds
     from .worlds.mujoco_robot import Part, Robot, positions, velocities
 
-_HOMES = {
-    "DesignParameter": "worlds.design_space",
-    "Environment": "worlds.environment",
-    "Part": "worlds.mujoco_robot",
-    "Physics": "physics.interface",
-    "Robot": "worlds.mujoco_robot",
-    "TimeStep": "worlds.interface",
-    "Worlds": "worlds.interface",
-    "from_gymnasium": "bridges.gymnasium",
-    "from_vecenv": "bridges.vecenv",
-    "get": "registry",
-    "make": "making",
-    "make_robot": "making",
-    "names": "registry",
-    "positions": "worlds.mujoco_robot",
-    "register": "registry",
-    "resolve_device": "devices",
-    "velocities": "worlds.mujoco_robot",
+_HOMES = {  # of the names above
+    "bridges.gymnasium": ("from_gymnasium",),
+    "bridges.vecenv": ("from_vecenv",),
+    "devices": ("resolve_device",),
+    "making": ("make", "make_robot"),
+    "physics.interface": ("Physics",),
+    "registry": ("get", "names", "register"),
+    "worlds.design_space": ("DesignParameter",),
+    "worlds.environment": ("Environment",),
+    "worlds.interface": ("TimeStep", "Worlds"),
+    "worlds.mujoco_robot": ("Part", "Robot", "positions", "velocities"),
 }
+_LATE = {name: home for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _LATE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    value = getattr(import_module(f".{_LATE[name]}", __name__), name)
     globals()[name] = value  # so that this is called once for each name
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *_LATE})
 
 
 __all__ = [

@@ -1,8 +1,13 @@
-"""The tasks by name. torch and the simulators are imported with the first task, not with this."""
+"""The tasks by name, here and in Gymnasium's registry.
 
-from collections.abc import Callable
+torch and the simulators are imported with the first task, not with this.
+"""
+
+import re
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+import gymnasium
 
 from .errors import MorlaxError, unknown
 from .naming import GYMNASIUM, MJLAB, PLAYGROUND, check_name, is_file, offered, trust
@@ -17,7 +22,7 @@ _LIBRARIES = {  # prefix of their names: what returns the class of a task
     PLAYGROUND: "bridges.playground:from_task",
 }
 _REGISTRY: dict[str, "type[Worlds]"] = {}  # built-in tasks once they are used, and registered ones
-_LISTENERS: list[Callable[[str], None]] = []  # called with the name of each task
+NAMESPACE = "morlax_torch"  # of the tasks' ids in Gymnasium's registry
 
 
 def register(name: str, task: "type[Worlds]") -> None:
@@ -32,18 +37,10 @@ def register(name: str, task: "type[Worlds]") -> None:
     former = _registered(name)
     if former is None:
         task = checked(task)
-        for announce in _LISTENERS:
-            announce(name)
+        _announce(name)
         _REGISTRY[name] = task
     elif former is not task:
         raise MorlaxError(f"there is already an environment called {name!r}: choose another name.")
-
-
-def announce_to(listener: Callable[[str], None]) -> None:
-    """Call `listener` with the name of each built-in task now, and of later ones on `register`."""
-    for name in TASKS:
-        listener(name)
-    _LISTENERS.append(listener)
 
 
 def names() -> tuple[str, ...]:
@@ -88,3 +85,34 @@ def _registered(name: str) -> "type[Worlds] | None":
 def _imported(home: str) -> Any:
     module, _, member = home.partition(":")
     return getattr(import_module(f".{module}", __package__), member)
+
+
+def _announce(name: str) -> None:
+    """Register task `name` for `gymnasium.make`: "my_robot" becomes "morlax_torch/MyRobot-v0".
+
+    Adapters are registered by import path, so they are imported only when used. Gymnasium's
+    wrappers are disabled: the adapters check the order of calls themselves, and the passive checker
+    would warn about every vector reward.
+    """
+    words = re.split(r"[\W_]+", name)
+    identity = f"{NAMESPACE}/{''.join(word[:1].upper() + word[1:] for word in words)}-v0"
+    former = gymnasium.registry.get(identity)
+    if former is not None:
+        if former.kwargs == {"task": name}:
+            return  # after a module reload, Gymnasium would warn about a duplicate id
+        raise MorlaxError(
+            f"the environment {former.kwargs.get('task')!r} is {identity} in Gymnasium already, "
+            f"and {name!r} would be too: choose another name."
+        )
+    gymnasium.register(
+        identity,
+        entry_point=f"{NAMESPACE}.adapters.gymnasium_single:GymnasiumEnv",
+        vector_entry_point=f"{NAMESPACE}.adapters.gymnasium_vector:GymnasiumVectorEnv",
+        order_enforce=False,
+        disable_env_checker=True,
+        kwargs={"task": name},
+    )
+
+
+for _name in TASKS:
+    _announce(_name)

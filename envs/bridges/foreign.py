@@ -16,11 +16,7 @@ CRITIC = "critic"  # what only critics see
 
 
 def imported(name: str) -> str:
-    """Return TASK of "LIBRARY:TASK" or "LIBRARY:MODULE:TASK", and import the module.
-
-    Raises:
-        MorlaxError: the module cannot be imported.
-    """
+    """Return TASK of "LIBRARY:TASK" or "LIBRARY:MODULE:TASK", and import the module."""
     module, _, task = name.partition(":")[2].rpartition(":")
     if module:
         try:
@@ -143,11 +139,7 @@ class ForeignWorlds(Worlds):
 
 
 def actor_group(groups: Any, owner: str) -> str:
-    """Return the name of the group that a policy sees.
-
-    Raises:
-        MorlaxError: `owner` has no such group, or a group that is not one vector.
-    """
+    """Return the name of the group that a policy sees."""
     names = list(groups.keys())
     actor = next((name for name in ACTORS if name in names), None)
     if actor is None:

@@ -76,11 +76,7 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
 
 @cache
 def from_id(name: str) -> type["GymnasiumWorlds"]:
-    """Return the class of "gymnasium:ID"; the id may name the module to import: "module:ID".
-
-    Raises:
-        MorlaxError: there is no such environment, or it is not supported.
-    """
+    """Return the class of "gymnasium:ID"; the id may name the module to import: "module:ID"."""
     identity = name.removeprefix(GYMNASIUM)
     if identity not in gymnasium.registry and ":" not in identity:
         try:
@@ -138,15 +134,13 @@ class GymnasiumWorlds(ForeignWorlds):
         if isinstance(dt, float) and dt > 0:
             self.dt = dt
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
-        self._observation = np.zeros(
-            (self.num_worlds, self.observation_size)
-        )  # as environments give it
+        # as environments give it
+        self._observation = np.zeros((self.num_worlds, self.observation_size))
         self.reseed(seed)
 
     def _start(self) -> Tensor:
-        return self._restart(
-            torch.ones_like(self.age, dtype=torch.bool), _in_float32(self._observation)
-        )
+        everywhere = torch.ones_like(self.age, dtype=torch.bool)
+        return self._restart(everywhere, _in_float32(self._observation))
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         for world in which.nonzero().squeeze(1).tolist():
@@ -182,11 +176,7 @@ class GymnasiumWorlds(ForeignWorlds):
 
 
 def observation_size(name: str, space: Any) -> int:
-    """Return how many numbers an observation of `space` has.
-
-    Raises:
-        MorlaxError: it is not a space, or not one of a fixed number of numbers.
-    """
+    """Return how many numbers an observation of `space` has."""
     if not isinstance(space, Space) or not space.is_np_flattenable:
         raise MorlaxError(
             f"{name} has observations without a fixed size ({space}): spaces such as Box, Discrete "
@@ -199,12 +189,7 @@ def observation_size(name: str, space: Any) -> int:
 
 
 class CheckedEnv:
-    """An environment whose observations and rewards are flat arrays of the right sizes.
-
-    Raises:
-        MorlaxError: from every method, if the environment's code fails, ends the program, or
-            returns values that do not fit its spaces.
-    """
+    """An environment whose observations and rewards are flat arrays of the right sizes."""
 
     def __init__(self, make: Callable[[], gymnasium.Env], name: str, num_rewards: int):
         self.name, self._rewards = name, (num_rewards,)

@@ -42,12 +42,15 @@ def from_task(name: str) -> type["PlaygroundWorlds"]:
     """Return the class of "playground:TASK", a task of MuJoCo Playground.
 
     "playground:MODULE:TASK" imports the module first, which registers the task.
-
-    Raises:
-        MorlaxError: Playground is missing, or it has no such task.
     """
-    members = {"Options": options_class(name), "name": name}
-    return type("PlaygroundWorlds", (PlaygroundWorlds,), members)
+    steps = default_config(name).get("episode_length", UNLIMITED)
+
+    class Options(PlaygroundOptions):
+        objectives: Objectives = {"reward": {"reward": 1.0}, "effort": {EFFORT: -1.0}}
+        reference_point: Point = (0.0, -float(steps))  # of the effort, under the largest actions
+        episode_length: Count = steps
+
+    return type("PlaygroundWorlds", (PlaygroundWorlds,), {"Options": Options, "name": name})
 
 
 class PlaygroundWorlds(ForeignWorlds):
@@ -144,9 +147,6 @@ class Functions:
 
     A state is Playground's, of N worlds; every array is JAX's. `reset`, `step` and `replace` are
     compiled when they first meet a number of worlds.
-
-    Raises:
-        MorlaxError: Playground cannot make the task, or its observations are not one vector.
     """
 
     def __init__(self, name: str, cfg: Any):
@@ -237,11 +237,7 @@ def _groups(obs: Any) -> Mapping[str, Any]:
 
 
 def registry() -> Any:
-    """Import Playground, and return its registry of tasks.
-
-    Raises:
-        MorlaxError: Playground is missing.
-    """
+    """Import Playground, and return its registry of tasks."""
     # by default, JAX takes three quarters of a GPU's memory, which torch needs too
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     try:
@@ -259,11 +255,7 @@ def registry() -> Any:
 
 
 def default_config(name: str) -> Any:
-    """Return a copy of Playground's config of "playground:TASK" or "playground:MODULE:TASK".
-
-    Raises:
-        MorlaxError: Playground is missing, or it has no such task.
-    """
+    """Return a copy of Playground's config of "playground:TASK" or "playground:MODULE:TASK"."""
     tasks, task = registry(), imported(name)
     suites = (tasks.dm_control_suite, tasks.locomotion, tasks.manipulation)
     names = [one for suite in suites for one in suite.ALL_ENVS]
@@ -272,28 +264,8 @@ def default_config(name: str) -> Any:
     return tasks.get_default_config(task)
 
 
-def options_class(name: str) -> type[PlaygroundOptions]:
-    """Return the options of a task with its defaults.
-
-    The default objectives are the task's own reward, and the effort. The reference point of the
-    effort is that of an episode under the largest actions.
-    """
-    steps = default_config(name).get("episode_length", UNLIMITED)
-
-    class Options(PlaygroundOptions):
-        objectives: Objectives = {"reward": {"reward": 1.0}, "effort": {EFFORT: -1.0}}
-        reference_point: Point = (0.0, -float(steps))
-        episode_length: Count = steps
-
-    return Options
-
-
 def changed(name: str, overrides: dict[str, Any]) -> Any:
-    """Return the config of a task with changes, by key.
-
-    Raises:
-        MorlaxError: the config has no such key, or it holds values of another type.
-    """
+    """Return the config of a task with changes, by key."""
     cfg = default_config(name)
     keys = list(_keys(cfg))
     for key, value in overrides.items():

@@ -145,15 +145,10 @@ class VecEnvWorlds(ForeignWorlds):
         worlds, device = self.env.num_envs, torch.device(self.env.device)
         enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
         if device.type != self.device.type or not enough:
-            advice = "let make_env pass both on"
-            if not self.auto_reset:
-                advice += (
-                    ", or lower evaluation.tradeoffs or evaluation.seeds: an evaluation needs two "
-                    "sets of episodes for each trade-off"
-                )
             raise MorlaxError(
                 f"the vectorized environment has {worlds} worlds on {device}, but there should be "
-                f"{self.num_worlds} on {self.device}: {advice}."
+                f"{self.num_worlds} on {self.device}: let make_env pass both on, or lower "
+                "evaluation.tradeoffs or evaluation.seeds."
             )
 
     def _features(self, groups: Any) -> Tensor:

@@ -11,18 +11,8 @@ MO_GYMNASIUM = {
     "mo-gymnasium/walker2d": "mo_gymnasium:Walker2d",
 }
 PGMORL = {
-    "pgmorl/ant": "pgmorl:Ant",
-    "pgmorl/halfcheetah": "pgmorl:HalfCheetah",
-    "pgmorl/hopper": "pgmorl:Hopper",
-    "pgmorl/hopper3": "pgmorl:Hopper3",
-    "pgmorl/humanoid": "pgmorl:Humanoid",
-    "pgmorl/swimmer": "pgmorl:Swimmer",
-    "pgmorl/walker2d": "pgmorl:Walker2d",
-}
-DESIGNED = {
-    "design/ant": "designed:DesignedAnt",
-    "design/cheetah": "designed:DesignedCheetah",
-    "design/hopper": "designed:DesignedHopper",
+    f"pgmorl/{member.lower()}": f"pgmorl:{member}"
+    for member in ["Ant", "HalfCheetah", "Hopper", "Hopper3", "Humanoid", "Swimmer", "Walker2d"]
 }
 TASKS = {
     "ant": "ant:Ant",
@@ -32,7 +22,9 @@ TASKS = {
     "hopper": "planar:Hopper",
     "humanoid": "humanoid:Humanoid",
     "walker": "planar:Walker",
-    **DESIGNED,
+    "design/ant": "designed:DesignedAnt",
+    "design/cheetah": "designed:DesignedCheetah",
+    "design/hopper": "designed:DesignedHopper",
     **PGMORL,
     **MO_GYMNASIUM,
 }

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,9 +21,6 @@ class Cheetah(Planar):
         shared: dict[str, float] = {"alive": 1.0}
         nconmax: int = 16
         njmax: int = 72
-
-    def initial_qpos(self) -> np.ndarray:
-        return np.zeros(self.physics.model.nq)
 
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_(action.clamp(-1, 1))

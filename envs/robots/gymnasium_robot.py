@@ -1,4 +1,7 @@
-"""Base classes for robots of other benchmarks, loaded from the MJCF in the gymnasium package."""
+"""Base classes for robots of other benchmarks, loaded from the MJCF in the gymnasium package.
+
+Quantities of each body in mjData are rebuilt from sensors, so that both simulators provide them.
+"""
 
 import math
 from functools import cached_property
@@ -8,12 +11,137 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 import torch
+from mujoco import mjtObj, mjtSensor
 from torch import Tensor
 
+from ..physics.interface import Physics
 from ..worlds.environment import Environment
 from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import TaskOptions
-from .bodies import Bodies, sense_contacts, sense_motion
+
+WRENCH = sum(
+    1 << int(getattr(mujoco.mjtConDataField, f"mjCONDATA_{field}"))
+    for field in ("FORCE", "TORQUE", "POS")
+)
+NET = 3  # reduces all contacts of a body to one wrench
+
+
+def sense_contacts(spec: mujoco.MjSpec) -> None:
+    """Name all bodies, and add the sensors that `Bodies.contact_forces` reads."""
+    for number, body in enumerate(spec.bodies):
+        body.name = body.name or f"body_{number}"
+    bodies = [body.name for body in spec.bodies[1:]]
+    _add(spec, "center", mjtSensor.mjSENS_SUBTREECOM, bodies[:1])
+    for sensor in _add(spec, "contact", mjtSensor.mjSENS_CONTACT, bodies):
+        sensor.intprm[:3] = WRENCH, NET, 1
+
+
+def sense_motion(spec: mujoco.MjSpec) -> None:
+    """Add the sensors that the other methods of `Bodies` need, after `sense_contacts`."""
+    bodies = [body.name for body in spec.bodies[1:]]
+    _add(spec, "position", mjtSensor.mjSENS_FRAMEPOS, bodies)
+    _add(spec, "orientation", mjtSensor.mjSENS_FRAMEQUAT, bodies)
+    _add(spec, "linear", mjtSensor.mjSENS_FRAMELINVEL, bodies)
+    _add(spec, "angular", mjtSensor.mjSENS_FRAMEANGVEL, bodies)
+    hinges = [joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
+    _add(spec, "joint_force", mjtSensor.mjSENS_JOINTACTFRC, hinges, mjtObj.mjOBJ_JOINT)
+
+
+def _add(
+    spec: mujoco.MjSpec,
+    name: str,
+    kind: mjtSensor,
+    objects: list[str],
+    of: mjtObj = mjtObj.mjOBJ_BODY,
+) -> list[mujoco.MjsSensor]:
+    """Add one sensor per object, next to each other in `sensordata`."""
+    return [
+        spec.add_sensor(name=f"{name}/{each}", type=kind, objtype=of, objname=each)
+        for each in objects
+    ]
+
+
+class Bodies:
+    """The mjData fields cinert, cvel, cfrc_ext and qfrc_actuator, computed from sensors.
+
+    Quantities are about the robot's center of mass, in world axes. Like every sensor, they
+    describe the state before the last physics step. The world body and the robot's root joint are
+    omitted, since their entries are always zero.
+
+    The model has the sensors of `sense_contacts`, and for all but `center` and `contact_forces`
+    those of `sense_motion`.
+    """
+
+    def __init__(self, physics: Physics):
+        self.physics = physics
+        self._views: dict[str, Tensor] = {}
+        mass, inertia = physics.model.body_mass, physics.model.body_inertia
+        self._mass = torch.from_numpy(mass[1:, None]).to(physics.qpos)
+        self._principal = torch.from_numpy(inertia[1:, :, None]).to(physics.qpos)
+        self._identity = torch.eye(3, dtype=torch.float32).to(physics.qpos)
+
+    @property
+    def center(self) -> Tensor:
+        """Return the robot's center of mass (N, 3) in m, as a view."""
+        return self._sensors("center")[:, 0]
+
+    def contact_forces(self) -> Tensor:
+        """Return cfrc_ext (N, B, 6): torque (N m) and force (N) of all contacts on each body."""
+        force, torque, point = self._sensors("contact").split(3, -1)
+        arm = point - self.center[:, None]
+        return -torch.cat([torque + torch.linalg.cross(arm, force), force], -1)
+
+    def inertias(self) -> Tensor:
+        """Return cinert (N, B, 10), the inertia of each body.
+
+        The numbers are the moments xx, yy, zz, xy, xz, yz (kg m^2), mass times position (kg m), and
+        mass (kg).
+        """
+        arm = self._sensors("position") - self.center[:, None]
+        axes = _rotation(self._sensors("orientation"))
+        square = arm.square().sum(-1)[..., None, None]
+        parallel = square * self._identity - arm[..., :, None] * arm[..., None, :]
+        moments = axes @ (self._principal * axes.mT) + self._mass[..., None] * parallel
+        parts = [moments[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        return torch.cat(
+            [torch.stack(parts, -1), self._mass * arm, self._mass.expand_as(arm[..., :1])], -1
+        )
+
+    def velocities(self) -> Tensor:
+        """Return cvel (N, B, 6): angular (rad/s) and linear velocity (m/s) of each body.
+
+        The linear velocity is that of the body's point at the robot's center of mass.
+        """
+        angular = self._sensors("angular")
+        arm = self.center[:, None] - self._sensors("position")
+        linear = self._sensors("linear") + torch.linalg.cross(angular, arm)
+        return torch.cat([angular, linear], -1)
+
+    @property
+    def joint_forces(self) -> Tensor:
+        """Return qfrc_actuator (N, J): the motor torque on each hinge in N m, as a view."""
+        return self._sensors("joint_force")[..., 0]
+
+    def _sensors(self, name: str) -> Tensor:
+        """Return the readings (N, objects, dim) of the sensors added as `name`, as a view."""
+        if name not in self._views:
+            model = self.physics.model
+            mine = [i for i in range(model.nsensor) if model.sensor(i).name.startswith(f"{name}/")]
+            begin = model.sensor_adr[mine[0]]
+            end = model.sensor_adr[mine[-1]] + model.sensor_dim[mine[-1]]
+            self._views[name] = self.physics.sensors[:, begin:end].unflatten(1, (len(mine), -1))
+        return self._views[name]
+
+
+def _rotation(quaternion: Tensor) -> Tensor:
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4), w first."""
+    w, x, y, z = quaternion.unbind(-1)
+    rows = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
+    return torch.stack(rows, -1).unflatten(-1, (3, 3))
 
 
 class GymnasiumRobot(Environment):
@@ -45,11 +173,7 @@ class GymnasiumRobot(Environment):
 
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
-        """Apply the benchmark's changes to gymnasium's robot and add sensors, in place.
-
-        Args:
-            spec: the robot before compilation.
-        """
+        """Apply the benchmark's changes to gymnasium's robot and add sensors, in place."""
 
     @cached_property
     def control_range(self) -> tuple[Tensor, Tensor]:
@@ -92,6 +216,13 @@ class GymnasiumRobot(Environment):
     def effort(self) -> Tensor:
         """Return the sum of squared controls (N,), in units of the motors' control ranges."""
         return self.physics.ctrl.square().sum(-1)
+
+    def terms(self) -> dict[str, Tensor]:
+        return {"run": self.velocity()[:, 0], "ctrl_cost": self.effort()}
+
+    def healthy(self) -> Tensor:
+        """Return 1 where the robot has not failed, else 0, (N,)."""
+        return (~self.failed()).to(self.physics.qpos)
 
     def failed(self) -> Tensor:
         return torch.zeros_like(self.age, dtype=torch.bool)
@@ -137,8 +268,8 @@ class GymnasiumHumanoid(GymnasiumRobot):
     def layout(self) -> list[Part]:
         units = {"inertias": "kg m^2, kg m, kg", "velocities": "rad/s, m/s"}
         extra = self._of_bodies().items()
-        own = [Part(name, x.shape[1], units.get(name, "N m, N")) for name, x in extra]
-        return [*super().layout(), *own]
+        parts = [Part(name, x.shape[1], units.get(name, "N m, N")) for name, x in extra]
+        return [*super().layout(), *parts]
 
     def _of_bodies(self) -> dict[str, Tensor]:
         """Return the observed per-body quantities (N, ...) by name, in gymnasium's order."""

@@ -14,15 +14,12 @@ from torch import Tensor
 
 from ..worlds.mujoco_robot import Part
 from ..worlds.options import Count, Objectives, Point, TaskOptions
-from .bodies import sense_contacts
-from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
+from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions, sense_contacts
 
 STANDING = 1.25  # m, of the hopper
 
 
 class SharedOptions(TaskOptions):
-    """The options that most of these tasks share."""
-
     objectives: Objectives = {"run": {"run": 1.0}, "control": {"ctrl_cost": -1.0}}
     episode_length: Count = 1000
     reset_noise: NonNegativeFloat = 0.1
@@ -38,9 +35,6 @@ class HalfCheetah(GymnasiumRobot):
         reference_point: Point = (-100.0, -6000.0)
         nconmax: int = 16
         njmax: int = 64
-
-    def terms(self) -> dict[str, Tensor]:
-        return {"run": self.velocity()[:, 0], "ctrl_cost": self.effort()}
 
 
 class Hopper(GymnasiumRobot):
@@ -64,7 +58,7 @@ class Hopper(GymnasiumRobot):
 
     def terms(self) -> dict[str, Tensor]:
         return {
-            "healthy": (~self.failed()).to(self.physics.qpos),
+            "healthy": self.healthy(),
             "run": self.velocity()[:, 0],
             "jump": self.physics.qpos[:, 1] - STANDING,
             "ctrl_cost": self.effort(),
@@ -101,11 +95,7 @@ class Walker2d(GymnasiumRobot):
         njmax: int = 64
 
     def terms(self) -> dict[str, Tensor]:
-        return {
-            "healthy": (~self.failed()).to(self.physics.qpos),
-            "run": self.velocity()[:, 0],
-            "ctrl_cost": self.effort(),
-        }
+        return {"healthy": self.healthy(), **super().terms()}
 
     def failed(self) -> Tensor:
         height, pitch = self.physics.qpos[:, 1], self.physics.qpos[:, 2]
@@ -123,9 +113,6 @@ class Swimmer(GymnasiumRobot):
         reference_point: Point = (-100.0, -2000.0)
         nconmax: int = 1
         njmax: int = 4
-
-    def terms(self) -> dict[str, Tensor]:
-        return {"run": self.velocity()[:, 0], "ctrl_cost": self.effort()}
 
 
 class Ant(GymnasiumRobot):
@@ -174,7 +161,7 @@ class Ant(GymnasiumRobot):
     def terms(self) -> dict[str, Tensor]:
         vx, vy = self.velocity().unbind(-1)
         return {
-            "healthy": (~self.failed()).to(vx),
+            "healthy": self.healthy(),
             "contact_cost": self.contact_forces().square().sum(-1),
             "ctrl_cost": self.effort(),
             "vx": vx,
@@ -207,12 +194,8 @@ class Humanoid(GymnasiumHumanoid):
 
     def terms(self) -> dict[str, Tensor]:
         contact = self.bodies.contact_forces().square().sum((1, 2))
-        return {
-            "healthy": (~self.failed()).to(self.physics.qpos),
-            "contact_cost": (5e-7 * contact).clamp(max=10.0),
-            "run": self.velocity()[:, 0],
-            "ctrl_cost": self.effort(),
-        }
+        cost = (5e-7 * contact).clamp(max=10.0)
+        return {"healthy": self.healthy(), "contact_cost": cost, **super().terms()}
 
     def failed(self) -> Tensor:
         height = self.physics.qpos[:, 2]

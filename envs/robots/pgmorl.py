@@ -24,8 +24,6 @@ MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))
 
 
 class RunEnergy(TaskOptions):
-    """The options of the half-cheetah and the walker."""
-
     objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
     shared: dict[str, float] = {"alive": 1.0}
     nconmax: int = 16
@@ -187,11 +185,7 @@ class Humanoid(GymnasiumHumanoid):
 
     def terms(self) -> dict[str, Tensor]:
         speed = self.velocity()[:, 0]
-        return {
-            "alive": torch.ones_like(speed),
-            "run": speed,
-            "energy": 3.0 - 4.0 * self.effort(),
-        }
+        return {"alive": torch.ones_like(speed), "run": speed, "energy": 3.0 - 4.0 * self.effort()}
 
     def failed(self) -> Tensor:
         height = self.physics.qpos[:, 2]

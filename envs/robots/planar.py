@@ -1,6 +1,7 @@
 """Robots that move in the x-z plane: their base class, the hopper and the walker."""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -19,6 +20,13 @@ class Planar(Environment):
 
     The first entries of qpos are x and z (m) and the pitch (rad) of the torso.
     """
+
+    start_height: ClassVar[float] = 0.0  # m, of z
+
+    def initial_qpos(self) -> np.ndarray:
+        qpos = np.zeros(self.physics.model.nq)
+        qpos[1] = self.start_height
+        return qpos
 
     def observe(self) -> Tensor:
         limit = MAX_VELOCITY
@@ -40,6 +48,7 @@ class Hopper(Planar):
     """One leg: run, and jump high. Neither actions nor motors clip its control."""
 
     model_file = "assets/hopper.xml"
+    start_height = 1.0  # the foot is 0.06 m above the floor
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0}
 
@@ -48,11 +57,6 @@ class Hopper(Planar):
         shared: dict[str, float] = {"alive": 1.0, "ctrl_cost": -0.0002}
         nconmax: int = 2
         njmax: int = 12
-
-    def initial_qpos(self) -> np.ndarray:
-        qpos = np.zeros(self.physics.model.nq)
-        qpos[1] = 1.0  # m; the foot is 0.06 m above the floor
-        return qpos
 
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_(ACTION_SCALE * action)
@@ -76,6 +80,7 @@ class Walker(Planar):
     """Two legs: run as fast as possible, use little energy."""
 
     model_file = "assets/walker.xml"
+    start_height = 1.5  # the feet are 0.2 m above the floor
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0}
 
@@ -84,11 +89,6 @@ class Walker(Planar):
         shared: dict[str, float] = {"alive": 1.0}
         nconmax: int = 4
         njmax: int = 22
-
-    def initial_qpos(self) -> np.ndarray:
-        qpos = np.zeros(self.physics.model.nq)
-        qpos[1] = 1.5  # m; the feet are 0.2 m above the floor
-        return qpos
 
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_((ACTION_SCALE * action).clamp(-1, 1))

@@ -112,9 +112,6 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
     """Compile the bodies of designs (D, d) of the robot in the worlds `env`, an `Environment`.
 
     A body starts as that of `env`, higher or lower by as much as its `qpos0` is.
-
-    Raises:
-        MorlaxError: none of the designs makes a body, or one has other parts than the robot.
     """
     task, base, spec = type(env), env.physics.model, env.load_spec()
     for material in spec.materials:

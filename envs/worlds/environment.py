@@ -21,8 +21,7 @@ from .design_space import Bank, compiled
 from .episodes import Starts, around
 from .interface import TimeStep
 from .learned import LearnedTerm
-from .mirror import Mirror
-from .mirroring import PAIRS, find_mirror
+from .mirror import PAIRS, Mirror, find_mirror
 from .mujoco_robot import Part, Robot
 from .options import Randomization, TaskOptions
 from .randomization import Delay, Noise, Pushes
@@ -403,11 +402,7 @@ class Environment(Robot):
         return saved if self.embodied is None else saved | {"embodied": self.embodied}
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
-        """Return how observations and actions are mirrored, found by an experiment.
-
-        Raises:
-            MorlaxError: left and right of the robot or of its objectives differ.
-        """
+        """Return how observations and actions are mirrored, found by an experiment."""
         # A few of the models that a task may draw decide nothing: compare the nominal one.
         nominal: Any = type(
             type(self).__name__, (type(self),), {"vary_model": lambda env, seed: {}}

@@ -131,32 +131,21 @@ class Ends(NamedTuple):
 
 
 def end(
-    physics: Physics,
-    action: Tensor,
-    observation: Tensor,
-    failed: Tensor,
-    length: int,
-    age: Tensor,
-    reward: Tensor,
-    terms: Tensor,
-    blowups: Tensor,
+    physics: Physics,  # after the step
+    action: Tensor,  # (N, A)
+    observation: Tensor,  # (N, O + P) after the step
+    failed: Tensor,  # (N,) bool, the robot's own verdict
+    length: int,  # control steps after which an episode is truncated
+    age: Tensor,  # (N,) int32 steps of the episode, incremented in place
+    reward: Tensor,  # (N, m), set to zero in place where a world blew up
+    terms: Tensor,  # (N, terms), likewise
+    blowups: Tensor,  # () int64, incremented in place by the number of blown-up worlds
 ) -> Ends:
     """Decide which episodes end with the last control step.
 
     A world has blown up if a number of its action, observation or reward is not finite, or if its
     state exceeds MAX_POSITION or MAX_VELOCITY. MuJoCo itself warns only above 1e10, but a reward
     of such a size already ruins every running mean.
-
-    Args:
-        physics: after the step.
-        action: (N, A) the action of the step.
-        observation: (N, O + P) the observation after the step.
-        failed: (N,) bool, the robot's own verdict.
-        length: control steps after which an episode is truncated.
-        age: (N,) int32 steps of the episode, incremented in place.
-        reward: (N, m), set to zero in place where a world blew up.
-        terms: (N, terms), likewise.
-        blowups: () int64, incremented in place by the number of blown-up worlds.
     """
     sane = (physics.qpos.abs() <= MAX_POSITION).all(-1)
     sane &= (physics.qvel.abs() <= MAX_VELOCITY).all(-1)

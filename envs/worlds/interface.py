@@ -192,11 +192,7 @@ class Worlds(ABC):
         return (terms.unsqueeze(-1) * self._weights).sum(1)
 
     def define_objectives(self, dtype: torch.dtype = torch.float32) -> None:
-        """Set `objectives`, `reference_point` and the reward weights from `options`.
-
-        Args:
-            dtype: of the reward terms.
-        """
+        """Set `objectives`, `reference_point` and the reward weights, of the `dtype` of terms."""
         objectives, common = self.options.objectives, (self.options.shared, self.options.guide)
         for name in (name for group in (*common, *objectives.values()) for name in group):
             if name not in self.reward_terms:

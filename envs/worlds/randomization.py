@@ -10,9 +10,8 @@ from ..devices import Draws
 from ..errors import MorlaxError, unknown
 from ..physics.interface import Physics
 from ..physics.mujoco import MODEL_FIELDS, cannot_vary
-from .mujoco_robot import Part
+from .mujoco_robot import Part, horizontal
 from .options import Randomization
-from .trees import horizontal
 
 LINEAR = [int(kind) for kind in (mjtGain.mjGAIN_FIXED, mjtGain.mjGAIN_AFFINE)]
 LINEAR_BIAS = [int(kind) for kind in (mjtBias.mjBIAS_NONE, mjtBias.mjBIAS_AFFINE)]

@@ -7,7 +7,7 @@ from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
 from ..envs.worlds.design_space import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
-from ..envs.worlds.mirroring import check
+from ..envs.worlds.mirror import check
 from ..gpu.group import ALONE, Group
 from ..host.resources import one_thread
 from ..networks.agent import Agent

@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ..envs.worlds.mujoco_robot import Robot
-from ..envs.worlds.trees import horizontal
+from ..envs.worlds.mujoco_robot import Robot, horizontal
 from ..evaluation import pareto
 from ..evaluation.evaluator import DISCOUNT
 from ..evaluation.front import Front

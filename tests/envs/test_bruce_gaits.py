@@ -4,11 +4,11 @@ import numpy as np
 import plan_gaits
 import pytest
 from gait_acceptance import LIMITS, MIN_WALKED, STEPS, measure
+from gait_library import FORWARD, SIDEWAYS, Library
 from gait_planner import Planner
 from gait_walk import Walker
 
 from morlax_torch import MorlaxError
-from morlax_torch.envs.robots.bruce.gaits import FORWARD, SIDEWAYS, Library
 
 SOME = ((0, 8), (8, 4), (13, 5))  # rows and columns of the library: a corner, standing, walking
 

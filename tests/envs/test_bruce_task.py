@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.robots.bruce import model as bruce
-from morlax_torch.envs.robots.bruce.gaits import Library
+from morlax_torch.envs.robots.bruce.reference import Library
 
 BACKENDS = ("mujoco", "warp")
 DT, STEP, LATE, EARLY = 0.02, 0.4, 0.005, 0.01  # seconds

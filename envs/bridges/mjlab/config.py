@@ -39,11 +39,7 @@ class MjlabOptions(ObjectiveOptions):
 
 
 def load(name: str) -> Any:
-    """Return a copy of mjlab's config of "mjlab:TASK" or "mjlab:MODULE:TASK".
-
-    Raises:
-        MorlaxError: mjlab is missing or too old, or it has no such task.
-    """
+    """Return a copy of mjlab's config of "mjlab:TASK" or "mjlab:MODULE:TASK"."""
     os.environ.setdefault("MJLAB_WARP_QUIET", "1")
     try:
         version = metadata.version("mjlab")
@@ -92,9 +88,6 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
     """Return the config of `num_worlds` worlds under `options`.
 
     Only reward terms that an objective uses are kept. One of weight zero gets weight one.
-
-    Raises:
-        MorlaxError: an option names something that the task does not have.
     """
     cfg = load(name)
     add_terms(cfg)

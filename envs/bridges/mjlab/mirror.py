@@ -7,14 +7,7 @@ import mujoco
 import numpy as np
 
 from ...errors import MorlaxError
-from ...worlds.mirror import Mirror, Reflection
-from ...worlds.mirroring import (
-    FLIP,
-    PARALLEL,
-    check,
-    partners,
-    posed,
-)
+from ...worlds.mirror import FLIP, PARALLEL, Mirror, Reflection, check, partners, posed
 
 POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROMETER)
 
@@ -23,10 +16,6 @@ def mirror_of(env: Any, groups: Sequence[str], tolerance: float = 0.0) -> Mirror
     """Return the mirror of an environment of mjlab whose policies and critics see `groups`.
 
     Numbers of left and right may differ by the tolerance, see `check`.
-
-    Raises:
-        MorlaxError: the robot's left and right differ, or a term of the observation or action has
-            no known reflection.
     """
     terms, manager, parts = _Terms(env, tolerance), env.observation_manager, []
     for group in groups:

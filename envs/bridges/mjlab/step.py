@@ -6,7 +6,7 @@ has the same distribution. mjlab's logs and metrics are left out.
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco_warp
 import torch
@@ -18,21 +18,11 @@ EVENTS = ("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting
 COMMAND = "UniformVelocityCommand"
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
 
-
-class Stepped(NamedTuple):
-    """The outcome of a step of N worlds."""
-
-    groups: dict[str, Tensor]  # observations after restarts
-    final: dict[str, Tensor]  # before restarts
-    terminated: Tensor  # (N,) bool
-    timed_out: Tensor  # (N,) bool
+Groups = dict[str, Tensor]  # of observations, (N, ...) each
 
 
 class MaskedStep:
-    """Steps an environment of mjlab whose config is `supported`, and restarts worlds that are over.
-
-    It returns the `groups` of observations.
-    """
+    """Steps and restarts worlds of mjlab whose config is `supported`."""
 
     def __init__(self, env: Any, groups: tuple[str, ...]):
         self.env, self.groups = env, groups
@@ -47,11 +37,12 @@ class MaskedStep:
         self.physics = [getattr(data, name)[:] for name in STATE]
         self._constants = Constants()
 
-    def __call__(self, action: Tensor) -> Stepped:
+    def __call__(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
+        """Step; returns observations after and before restarts, terminated and timed out (N,)."""
         with self._constants:
             return self._stepped(action)
 
-    def _stepped(self, action: Tensor) -> Stepped:
+    def _stepped(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
         env, sim = self.env, self.env.sim
         _join_streams(sim)
         graphs, env.extras["log"] = sim.use_cuda_graph, {}
@@ -77,12 +68,10 @@ class MaskedStep:
             twist.advance(torch.where(over, 0.0, env.step_dt).float())
         sim.sense()
         groups = self._observe()
-        final = {
-            name: torch.where(over[:, None], ending[name], seen) for name, seen in groups.items()
-        }
+        final = {x: torch.where(over[:, None], ending[x], seen) for x, seen in groups.items()}
         self.settle()
         sim.use_cuda_graph = graphs
-        return Stepped(groups, final, terminated, timed_out)
+        return groups, final, terminated, timed_out
 
     def settle(self) -> None:
         """Put what mjlab has kept in new tensors into those that a recorded step reads."""

@@ -41,9 +41,6 @@ def from_task(name: str) -> type["MjlabWorlds"]:
     """Return the class of "mjlab:TASK", a task of mjlab's registry.
 
     "mjlab:MODULE:TASK" imports the module first, which registers the task.
-
-    Raises:
-        MorlaxError: mjlab is missing or too old, or it has no such task.
     """
     return type("MjlabWorlds", (MjlabWorlds,), {"Options": options_class(name), "name": name})
 
@@ -167,7 +164,10 @@ class MjlabWorlds(ForeignWorlds):
         seen = final = joined(groups, self.actor_group)
         if not self.env.cfg.auto_reset:
             seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
-        elif (before := take_ending(self.env)) is not None:
+            return self._outcome(seen, final, failed.clone(), timed_out)
+        recorder = self.env.recorder_manager.get_term(ENDINGS)
+        before, recorder.groups = recorder.groups, None
+        if before is not None:  # some worlds have restarted
             final = torch.where(over[:, None], joined(before, self.actor_group), final)
         return self._outcome(seen, final, failed.clone(), timed_out)
 
@@ -233,13 +233,6 @@ def watch_endings(cfg: Any) -> None:
                 self.groups = {name: manager.compute_group(name) for name in used}
 
         cfg.recorders[ENDINGS] = recorders.RecorderTermCfg(func=Endings)
-
-
-def take_ending(env: Any) -> dict[str, Tensor] | None:
-    """Return the observations before the restarts of the last step, if there were any."""
-    recorder = env.recorder_manager.get_term(ENDINGS)
-    groups, recorder.groups = recorder.groups, None
-    return groups
 
 
 def _not_finite(env: Any) -> Tensor:

@@ -4,11 +4,17 @@ Each world follows a segment: the rest of its current step, reparametrized to [0
 are in-place arithmetic on whole tensors, so that a CUDA graph can record them.
 """
 
+from importlib import resources
+from typing import NamedTuple, Self
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from . import rotations
-from .gaits import DEGREE, Library
+
+DEGREE = 7  # of the Bezier curves
 
 JOINTS, POSITION, ANGLES = slice(16), slice(16, 19), slice(19, 22)  # of control points and rates
 BASE = slice(16, 23)  # of targets: position and quaternion
@@ -18,17 +24,33 @@ LATE = 0.005  # s already elapsed when a step begins: half the lag in detecting 
 EARLY = 0.01  # s already elapsed when an episode begins
 
 
-class Reference:
-    """State of the reference walk; each tensor has one row per world.
+class Library(NamedTuple):
+    """A gait for each velocity of a grid, with X velocities forward and Y sideways.
 
-    Args:
-        library: gaits with one common step duration.
-        like: (N, ...) tensor that sets the number of worlds, dtype and device.
+    A gait is two steps that repeat, each a Bezier curve. `benchmarks/plan_gaits.py` plans them.
     """
+
+    vx: NDArray[np.float64]  # (X,) m/s
+    vy: NDArray[np.float64]  # (Y,) m/s
+    joints: NDArray[np.float32]  # (X, Y, 2, 8, 16) control points in crank coordinates
+    base: NDArray[np.float32]  # (X, Y, 2, 8, 6) position, roll, pitch, yaw, in the sole's frame
+    step_time: NDArray[np.float64]  # () s
+
+    @classmethod
+    def load(cls) -> Self:
+        """Load the library of the package."""
+        names = "vx", "vy", "joints", "base", "constants.step_time"
+        with (resources.files(str(__package__)) / "gaits.npz").open("rb") as file:
+            contents = np.load(file)
+            return cls(*(contents[name] for name in names))
+
+
+class Reference:
+    """State of the reference walk, with rows, dtype and device as in `like` (N, ...)."""
 
     def __init__(self, library: Library, like: Tensor):
         curves = torch.cat([torch.from_numpy(library.joints), torch.from_numpy(library.base)], -1)
-        self.step_time = library.constants.step_time
+        self.step_time = library.step_time.item()
         # The four gaits around each cell of the library's grid, (X - 1, Y - 1, 2, 2, 2, 8, 22).
         corners = curves.to(like).unfold(0, 2, 1).unfold(1, 2, 1)
         self._corners = corners.movedim((-2, -1), (3, 4)).contiguous()
@@ -58,11 +80,9 @@ class Reference:
         return {name: getattr(self, name) for name in names}
 
     def gaits(self, velocity: Tensor, leg: Tensor) -> Tensor:
-        """Interpolate the control points (N, 8, 22) of a step bilinearly in the library's grid.
+        """Interpolate the control points (N, 8, 22) of steps at velocities (N, 2), bilinearly.
 
-        Args:
-            velocity: (N, 2) in m/s, forward and to the left.
-            leg: (N,) swing leg, 0 left and 1 right.
+        `leg` (N,) swings: 0 left, 1 right.
         """
         at = ((velocity - self._slowest) / self._spacing).clamp(self._first_cell, self._end)
         # clamped again to keep the index valid if a velocity is NaN
@@ -82,10 +102,7 @@ class Reference:
         """Blend toward the gaits for velocities (N, 2) and advance time by `dt` (s).
 
         Steps are blended while their phase is below BLENDING: the rests of the current segment and
-        of the new gait become the new segment.
-
-        Returns:
-            Where feet changed (N,) bool.
+        of the new gait become the new segment. Returns where feet changed, (N,) bool.
         """
         blendable = self.phase < BLENDING
         done, rest = self.elapsed / self.duration, self.duration - self.elapsed
@@ -107,12 +124,7 @@ class Reference:
         return changed
 
     def now(self) -> tuple[Tensor, Tensor]:
-        """Return the current target and its rates.
-
-        Returns:
-            Joints, position and quaternion of the base, (N, 23).
-            Rates of joints, position and angles of the base, (N, 22).
-        """
+        """Return the current target (N, 23), see BASE, and its rates (N, 22), see ANGLES."""
         s = (self.elapsed / self.duration).clamp(0, 1)[:, None, None]
         points = self.points
         for _ in range(DEGREE - 1):  # de Casteljau
@@ -176,8 +188,7 @@ class Anchor:
     def placed(self, target: Tensor) -> tuple[Tensor, Tensor]:
         """Transform the reference's base (N, 7) of the previous control step to the world.
 
-        Returns:
-            Position (N, 3) in m and attitude (N, 4).
+        Returns the position (N, 3) in m and attitude (N, 4).
         """
         yaw = self.former[:, 2]
         xy = rotations.turned(target[:, :2], yaw) + self.former[:, :2]

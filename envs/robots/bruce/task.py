@@ -1,22 +1,24 @@
 """BRUCE's task: walk at a commanded velocity, following a gait library, with six objectives."""
 
+import math
+from collections.abc import Mapping
+from typing import Self
+
 import mujoco
 import numpy as np
 import torch
+from pydantic import Field, NonNegativeFloat, field_validator
 from torch import Tensor
+from torch.linalg import vector_norm
 
 from ...physics.interface import Physics
 from ...worlds.environment import Environment
 from ...worlds.episodes import Starts
 from ...worlds.mujoco_robot import Part
+from ...worlds.options import Count, Objectives, TaskOptions
 from . import model as bruce
-from .beginnings import FASTEST, Beginnings
-from .gaits import Library
-from .history import Histories
-from .model import randomized
-from .options import BruceOptions
-from .reference import BASE, JOINTS, Anchor, Reference
-from .rewards import Closeness, SwingingArms, roughness
+from .beginnings import FASTEST, TaskState, drawn_commands, states
+from .reference import BASE, JOINTS, Anchor, Library, Reference
 from .rotations import PairSums
 
 SEEN = 5  # values of each history in the observation
@@ -37,7 +39,7 @@ FALLEN = 0.2  # m; a robot with a lower base has fallen
 # Half the width of uniform noise: rad/s, m/s^2, rad, rad.
 GYRO_NOISE, ACCELEROMETER_NOISE, JOINT_NOISE, ATTITUDE_NOISE = 0.03, 0.1, 0.02, 0.05
 MOST_ENERGY = 54.0  # (N m)^2: 0.9 of the squared force limits of the arm motors
-WIDTHS = {  # of rewards for closeness
+WIDTHS = {  # of rewards exp(-|difference|^2 / width) for closeness
     "gait": 0.15,
     "base_position": 0.004,
     "base_attitude": 0.02,
@@ -46,6 +48,86 @@ WIDTHS = {  # of rewards for closeness
     "shift_size": 0.001,
     "shift_rate": 0.002,
 }
+# Arm joints that swing with the opposite legs, in rad.
+ARM_MIDDLE, ARM_SWING = (0.0, 1.0, 0.3, 0.0, -1.0, -0.3), (-0.4, 0.0, -0.3, -0.4, 0.0, -0.3)
+
+
+class BruceOptions(TaskOptions):
+    """The options of BRUCE; by default nothing is random."""
+
+    objectives: Objectives = {
+        "joints": {"gait": 1.0},
+        "base": {"base_position": 1.0, "base_attitude": 1.0},
+        "swing": {"arm_swing": 1.0},
+        "rigid": {"arm_hold": 1.0},
+        "smooth": {"action_smoothness": 0.75, "joint_smoothness": 4.0},
+        "energy": {"energy": 0.02},
+    }
+    shared: dict[str, float] = {"shift_size": 0.85, "shift_rate": 0.2}
+    nconmax: int = 24
+    njmax: int = 96
+    chains: bruce.Chains = "closed"
+    """closed: as on the robot; tree: motors on tendons instead, faster and nearly the same."""
+    feet: bruce.Feet = "equal"
+    """equal, or published: the left foot is 20 mm shorter, and the robot drifts sideways."""
+    command: tuple[float, float] = (0.12, 0.0)
+    """Commanded velocity in m/s, forward (at most 0.2) and to the left (at most 0.1)."""
+    draw_commands: bool = False
+    """Draw a velocity for each episode, starting with either foot."""
+    standing: float = Field(default=0.4, ge=0, le=1)
+    """Share of drawn velocities that are zero."""
+    fastest: tuple[float, float] = FASTEST
+    """Limits of drawn velocities in m/s, forward or backward, and to either side."""
+    redraw_every: Count | None = None
+    """Control steps after which a new velocity is drawn within an episode (None: never)."""
+    noise: NonNegativeFloat = 0.0
+    """Scale of the uniform sensor noise (1: as published; 0: exact sensors)."""
+    randomize: bool = False
+    """Randomize torso mass, centers of mass, friction and motor gains per world, as published."""
+
+    @field_validator("reset_noise")
+    @classmethod
+    def _starts_from_gaits(cls, noise: float) -> float:
+        if noise:
+            raise ValueError("BRUCE starts from states of its gaits: leave reset_noise at 0")
+        return noise
+
+    def for_evaluation(self) -> Self:
+        names = ("draw_commands", "standing", "fastest", "redraw_every", "noise", "randomize")
+        changes = {name: type(self).model_fields[name].default for name in names}
+        return super().for_evaluation().model_copy(update=changes)
+
+    @field_validator("command", "fastest")
+    @classmethod
+    def _within_reach(cls, velocity: tuple[float, float]) -> tuple[float, float]:
+        if any(abs(v) > most for v, most in zip(velocity, FASTEST, strict=True)):
+            raise ValueError("use at most 0.2 m/s forward and 0.1 m/s sideways: no gait is faster")
+        return velocity
+
+
+class Histories:
+    """The latest values (N, K, C) of several quantities, newest first, by their `sizes` (K, C).
+
+    All are views of one buffer, so that one operation pushes or refills them.
+    """
+
+    def __init__(self, like: Tensor, sizes: Mapping[str, tuple[int, int]]):
+        widths = [length * channels for length, channels in sizes.values()]
+        self._all = like.new_zeros(len(like), sum(widths))
+        parts = zip(sizes.items(), self._all.split(widths, -1), strict=True)
+        self.values = {name: part.unflatten(-1, size) for (name, size), part in parts}
+
+    def push(self, newest: Mapping[str, Tensor]) -> None:
+        """Add the newest value (N, C) of each history and drop the oldest."""
+        pieces = []
+        for name, values in self.values.items():
+            pieces += [newest[name], values[:, :-1].flatten(1)]
+        self._all.copy_(torch.cat(pieces, -1))
+
+    def refill(self, where: Tensor, value: Mapping[str, Tensor]) -> None:
+        """Fill each history with its value (N, C) in the worlds `where` (N,) bool."""
+        pieces = [value[name] for name, old in self.values.items() for _ in range(old.shape[1])]
+        torch.where(where[:, None], torch.cat(pieces, -1), self._all, out=self._all)
 
 
 class Bruce(Environment):
@@ -80,7 +162,8 @@ class Bruce(Environment):
         reach = [LEG_REACH] * legs + [ARM_REACH] * (16 - legs) + [VELOCITY_REACH] * 2
         self._reach = like.new_tensor(reach)
         self._fastest = like.new_tensor(FASTEST)
-        self._closeness, self._swinging_arms = Closeness(WIDTHS, like), SwingingArms(like)
+        self._widths = like.new_tensor(list(WIDTHS.values()))
+        self._arm_middle, self._arm_swing = map(like.new_tensor, (ARM_MIDDLE, ARM_SWING))
         # The action of this control step, until it is pushed, and the filtered one. They share
         # memory, because nothing needs to save the former.
         self._action, self._filtered = like.new_zeros(2, len(like), 18)
@@ -106,26 +189,26 @@ class Bruce(Environment):
         return qpos
 
     def prepare_starts(self, seed: int) -> Starts:
-        options = self.options
+        options, rest = self.options, self.initial_qpos()
         if options.draw_commands:
-            beginnings = Beginnings.drawn(options.fastest, options.standing, seed)
+            conditions = drawn_commands(options.fastest, options.standing, seed)
         else:
-            beginnings = Beginnings.only(options.command)
-        rest, model = self.initial_qpos(), self.physics.model
-        states, self._first = beginnings.states(self._library, rest, model, self.physics.qpos)
-        return Starts(states, self.physics)
+            conditions = np.array([options.command]), np.zeros(1, np.int64), np.ones(1)
+        model, like = self.physics.model, self.physics.qpos
+        starts, self._first = states(self._library, *conditions, rest, model, like)
+        return Starts(starts, self.physics)
 
     def vary_model(self, seed: int) -> dict[str, np.ndarray]:
         drawn = super().vary_model(seed)
         if not self.options.randomize:
             return drawn
-        return randomized(self.physics.model, drawn, self.draws.number, seed)
+        return bruce.randomized(self.physics.model, drawn, self.draws.number, seed)
 
     def count_actions(self) -> int:
         return 16 + 2
 
     def begin(self, fresh: Tensor) -> None:
-        first, here = self._first.at(self.starts.rows), fresh[:, None]
+        first, here = TaskState(*(x[self.starts.rows] for x in self._first)), fresh[:, None]
         torch.where(here, first.command, self.command, out=self.command)
         self._anchor.begin(fresh, first.anchor)
         self.reference.begin(fresh, first.command, first.leg, first.points)
@@ -184,23 +267,10 @@ class Bruce(Environment):
         reference = self.reference
         step = torch.stack([reference.leg.to(self.command), reference.phase], -1)
 
-        def history(name: str) -> Tensor:
-            return self._histories[name].flatten(1)
-
-        return torch.cat(
-            [
-                history("gyro"),
-                history("accelerometer"),
-                self._rates,
-                step,
-                history("actions"),
-                self.command,
-                history("measured"),
-                history("asked_joints"),
-                history("asked_base"),
-            ],
-            -1,
-        )
+        past = {name: values.flatten(1) for name, values in self._histories.values.items()}
+        motion = [past["gyro"], past["accelerometer"], self._rates, step]
+        asked = [past["asked_joints"], past["asked_base"]]
+        return torch.cat([*motion, past["actions"], self.command, past["measured"], *asked], -1)
 
     def layout(self) -> list[Part]:
         def seen(*parts: tuple[str, int, str]) -> list[Part]:
@@ -235,27 +305,31 @@ class Bruce(Environment):
     def terms(self) -> dict[str, Tensor]:
         legs = bruce.NUM_LEG_JOINTS
         qpos, torques = self.physics.qpos, self.physics.sensors[:, 6:]
-        joints, actions = self._histories["joints"], self._reach * self._histories["actions"]
-        target_joints = self._histories["asked_joints"][:, 1]
-        position, attitude = self._anchor.placed(self._histories["asked_base"][:, 1])
+        past = self._histories.values
+        joints, actions = past["joints"], self._reach * past["actions"]
+        target_joints = past["asked_joints"][:, 1]
+        position, attitude = self._anchor.placed(past["asked_base"][:, 1])
         overlap = (qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
         arms = joints[:, 0, legs:]
-        swing = self._swinging_arms(self.reference.phase, self.reference.leg)
+        swing = torch.cos(math.pi * (self.reference.phase + self.reference.leg))[:, None]
         shift, former_shift = actions[:, 0, 16:], actions[:, 1, 16:]
-        close = self._closeness(
-            {
-                "gait": joints[:, 0, :legs] - target_joints[:, :legs],
-                "base_position": qpos[:, :3] - position,
-                "base_attitude": 2 * torch.acos(overlap)[:, None],
-                "arm_swing": arms - swing,
-                "arm_hold": arms - self._default[legs:],
-                "shift_size": shift,
-                "shift_rate": shift - former_shift,
-            }
-        )
-        rough = roughness(torch.stack([actions[:, :3, :16], joints]))
+        differences = {
+            "gait": joints[:, 0, :legs] - target_joints[:, :legs],
+            "base_position": qpos[:, :3] - position,
+            "base_attitude": 2 * torch.acos(overlap)[:, None],
+            "arm_swing": arms - (self._arm_middle + swing * self._arm_swing),
+            "arm_hold": arms - self._default[legs:],
+            "shift_size": shift,
+            "shift_rate": shift - former_shift,
+        }
+        distances = torch.stack([vector_norm(differences[x], dim=-1) for x in WIDTHS], -1)
+        close = torch.exp(-distances.square() / self._widths)
+        # the norms of the first and second difference of the newest value
+        steps = torch.stack([actions[:, :3, :16], joints]).diff(dim=-2)
+        bends = steps.diff(dim=-2)
+        rough = vector_norm(steps[..., 0, :], dim=-1) + vector_norm(bends[..., 0, :], dim=-1)
         return {
-            **close,
+            **dict(zip(WIDTHS, close.unbind(-1), strict=True)),
             "action_smoothness": 1.0 - rough[0],
             "joint_smoothness": 0.2 - rough[1],
             "energy": (MOST_ENERGY - torques.square().sum(-1)).clamp(min=0.0),
@@ -269,7 +343,7 @@ class Bruce(Environment):
             "offset": self._offset,
             "shift": self._shift,
             "rates": self._rates,
-            **self._histories.state(),
+            **{f"_{name}": values for name, values in self._histories.values.items()},
             **self._anchor.state(),
             **self.reference.state(),
         }

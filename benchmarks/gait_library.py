@@ -1,4 +1,4 @@
-"""The library of gaits, stored in one small file."""
+"""The library of gaits as it is planned, stored in one small file of the package."""
 
 from dataclasses import asdict, dataclass, fields
 from importlib import resources
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 FORWARD = np.linspace(-0.2, 0.2, 17).round(3)  # m/s
 SIDEWAYS = np.linspace(-0.1, 0.1, 9).round(3)  # m/s
-DEGREE = 7  # of the Bezier curves
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Library:
     @classmethod
     def load(cls) -> Self:
         """Load the library of the package."""
-        with (resources.files(str(__package__)) / "gaits.npz").open("rb") as file:
+        with (resources.files("morlax_torch.envs.robots.bruce") / "gaits.npz").open("rb") as file:
             contents = dict(np.load(file))
 
         def group(prefix: str) -> dict[str, NDArray]:
