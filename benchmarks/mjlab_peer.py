@@ -22,7 +22,7 @@ from torch import Tensor
 
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import MorlaxError, Worlds, resolve_device
-from morlax_torch.envs.bridges.mjlab.config import add_terms
+from morlax_torch.envs.bridges.mjlab.worlds import add_terms
 
 LOUD = 100.0  # an action scale that bounds no action
 WEIGHTINGS = Path(__file__).with_name("mjlab_weightings.yaml")

@@ -6,8 +6,7 @@ from typing import Any
 
 import torch
 
-from morlax_torch.envs.bridges.mjlab.config import load
-from morlax_torch.envs.bridges.mjlab.worlds import build
+from morlax_torch.envs.bridges.mjlab.worlds import build, load
 
 
 def calm(

@@ -151,7 +151,19 @@ class Functions:
 
     def __init__(self, name: str, cfg: Any):
         self.jax = jax = import_module("jax")
-        start = self._make(name, cfg)
+        try:
+            with warnings.catch_warnings(action="ignore"):
+                self._env = env = registry().load(name.rpartition(":")[2], config=cfg)
+                _quiet(env)
+                start = jax.eval_shape(env.reset, jax.random.PRNGKey(0))
+                jax.eval_shape(env.step, start, jax.numpy.zeros(env.action_size))
+        except subprocess.CalledProcessError:
+            raise MorlaxError(
+                f"{name} needs a robot of MuJoCo Menagerie, which git could not fetch from GitHub."
+            ) from None
+        except Exception as error:  # a task may run any code
+            reason = " ".join(str(error).split())
+            raise MorlaxError(f"Playground cannot make {name}: {reason}") from error
         groups = _groups(start.obs)
         sizes = [groups[key].shape for key in (POLICY, CRITIC) if key in groups]
         if POLICY not in groups or any(len(size) != 1 for size in sizes):
@@ -169,24 +181,6 @@ class Functions:
         self.reset = jax.jit(self._reset, static_argnums=0)
         self.step = jax.jit(self._step)
         self.replace = jax.jit(self._replace)
-
-    def _make(self, name: str, cfg: Any) -> Any:
-        """Make the environment; returns the shapes of the state of one world."""
-        jax = self.jax
-        try:
-            with warnings.catch_warnings(action="ignore"):
-                self._env = env = registry().load(name.rpartition(":")[2], config=cfg)
-                _quiet(env)
-                start = jax.eval_shape(env.reset, jax.random.PRNGKey(0))
-                jax.eval_shape(env.step, start, jax.numpy.zeros(env.action_size))
-                return start
-        except subprocess.CalledProcessError:
-            raise MorlaxError(
-                f"{name} needs a robot of MuJoCo Menagerie, which git could not fetch from GitHub."
-            ) from None
-        except Exception as error:  # a task may run any code
-            reason = " ".join(str(error).split())
-            raise MorlaxError(f"Playground cannot make {name}: {reason}") from error
 
     def _reset(self, worlds: int, key: Any) -> tuple[Any, Any]:
         """Return a new state of N worlds, and its features (N, O + P)."""

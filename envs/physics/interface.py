@@ -21,7 +21,6 @@ STATE: dict[str, mujoco.mjtState] = {  # the parts of MuJoCo's state, by their n
 }
 MAIN = "qpos", "qvel", "act", "ctrl", "qacc_warmstart"  # those that `Physics` has by name
 
-
 REMEDIES = {  # for what simulators say of a model
     r"mjSOL_": 'set <option solver="Newton"/>, or model.opt.solver in load_model',
     r"mjINT_": 'set <option integrator="implicitfast"/>, or model.opt.integrator in load_model',

@@ -45,17 +45,15 @@ class Humanoid(Environment):
         return qpos
 
     def observe(self) -> Tensor:
-        joints, joint_velocities = self.physics.qpos[:, 7:], self.physics.qvel[:, 6:]
         sensor = self.physics.sensor
         return torch.cat(
             [
-                joints,
+                self.physics.qpos[:, 7:],
                 sensor("head")[:, 2:],
                 *self.extremities,
                 *(sensor(f"torso_{axis}")[:, 2:] for axis in "xyz"),
                 sensor("velocity"),
-                self.physics.qvel[:, :6],
-                joint_velocities,
+                self.physics.qvel,
             ],
             -1,
         )

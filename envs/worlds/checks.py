@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, MorlaxWarning
-from .mujoco_robot import base_of
+from .trees import base_of
 
 
 def model(task: Any, compiled: mujoco.MjModel) -> None:

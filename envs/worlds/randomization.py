@@ -10,8 +10,9 @@ from ..devices import Draws
 from ..errors import MorlaxError, unknown
 from ..physics.interface import Physics
 from ..physics.mujoco import MODEL_FIELDS, cannot_vary
-from .mujoco_robot import Part, horizontal
+from .mujoco_robot import Part
 from .options import Randomization
+from .trees import horizontal
 
 LINEAR = [int(kind) for kind in (mjtGain.mjGAIN_FIXED, mjtGain.mjGAIN_AFFINE)]
 LINEAR_BIAS = [int(kind) for kind in (mjtBias.mjBIAS_NONE, mjtBias.mjBIAS_AFFINE)]

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ..envs.worlds.mujoco_robot import base_of
+from ..envs.worlds.trees import base_of
 
 CAMERA = "track"  # a camera of this name in the model sets the direction of view
 FILL, FULL = 0.9, 1.0  # share of a picture that the robot's reach fills at the start, and at most

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ..envs.worlds.mujoco_robot import Robot, horizontal
+from ..envs.worlds.mujoco_robot import Robot
+from ..envs.worlds.trees import horizontal
 from ..evaluation import pareto
 from ..evaluation.evaluator import DISCOUNT
 from ..evaluation.front import Front

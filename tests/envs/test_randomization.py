@@ -12,7 +12,7 @@ from same import assert_same
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
-from morlax_torch.envs.worlds.mujoco_robot import base_of
+from morlax_torch.envs.worlds.trees import base_of
 
 BACKENDS = ("mujoco", "warp")
 MODELS = {

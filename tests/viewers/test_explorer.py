@@ -16,7 +16,7 @@ from browsing import PATIENCE, Client, serving
 from morlax_torch import MorlaxError, evaluate
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import read_yaml
-from morlax_torch.envs.worlds.mujoco_robot import horizontal
+from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
 from morlax_torch.viewers.explorer import library

@@ -173,9 +173,8 @@ def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     driven = model.actuator_trnid[:, 0] == model.joint(joint).id
     indices = (of_joint & driven).nonzero()[0]
-    nothing: dict[str, float | None] = {"stiffness": None, "damping": None, "torque": None}
     if len(indices) != 1:
-        return nothing
+        return {"stiffness": None, "damping": None, "torque": None}
     (index,) = indices
     limited, most = model.actuator_forcelimited[index], model.actuator_forcerange[index, 1]
     torque = float(most) if limited else None
@@ -189,9 +188,8 @@ def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
         and bias[0] == 0
         and bias[1] == -gain[0]
     )
-    if not is_position:
-        return {**nothing, "torque": torque}
-    return {"stiffness": float(gain[0]), "damping": float(-bias[2]), "torque": torque}
+    stiffness, damping = (float(gain[0]), float(-bias[2])) if is_position else (None, None)
+    return {"stiffness": stiffness, "damping": damping, "torque": torque}
 
 
 def _clip(terms: list[Any]) -> list[list[float]] | None:

@@ -15,6 +15,8 @@ from .reference import JOINTS, POSITION, Library, Reference
 FASTEST = (0.2, 0.1)  # largest commands, m/s, forward and sideways
 COMMANDS = 2048  # number of commands that episodes draw from
 Array = NDArray[np.float64]
+# Commands (B, 2), first legs (B,), and heights (B,) of standing robots, relative to rest.
+Conditions = tuple[Array, NDArray[np.int64], Array]
 
 
 class TaskState(NamedTuple):
@@ -28,13 +30,10 @@ class TaskState(NamedTuple):
     rates: Tensor  # (B, 22) of the reference
 
 
-def drawn_commands(
-    fastest: tuple[float, float], standing: float, seed: int
-) -> tuple[Array, NDArray[np.int64], Array]:
-    """Draw COMMANDS initial conditions: commands (B, 2), first legs (B,) and heights (B,).
+def drawn_commands(fastest: tuple[float, float], standing: float, seed: int) -> Conditions:
+    """Draw COMMANDS initial conditions.
 
-    `fastest` limits the commands, in m/s; `standing` is the probability of a zero one. Heights are
-    those of a standing robot, relative to rest.
+    `fastest` limits the commands, in m/s; `standing` is the probability of a zero one.
     """
     random = np.random.default_rng(seed)
     commands = random.uniform(-1, 1, (COMMANDS, 2)) * fastest
@@ -44,9 +43,7 @@ def drawn_commands(
 
 def states(
     library: Library,
-    commands: Array,
-    legs: NDArray[np.int64],
-    heights: Array,
+    conditions: Conditions,
     rest: Array,
     model: mujoco.MjModel,
     like: Tensor,
@@ -56,6 +53,7 @@ def states(
     A walking robot starts in the first state of its command's gait, a standing robot in the
     default pose, with positions `rest` (nq,).
     """
+    commands, legs, heights = conditions
 
     def begun(like: Tensor) -> Reference:
         velocity, leg = torch.from_numpy(commands).to(like), torch.from_numpy(legs).to(like.device)

@@ -55,14 +55,10 @@ Array = NDArray[np.float64]
 
 
 def load(chains: Chains = "closed", feet: Feet = "equal") -> mujoco.MjModel:
-    """Compile the robot.
+    """Compile the robot, see `BruceOptions`.
 
-    Args:
-        chains: "closed" models the differentials of the hips and the four-bars of the ankles.
-            "tree" replaces them by motors on tendons and omits rods, cranks and rotors (32 g); it
-            is faster and walks nearly the same.
-        feet: "equal", or "published" with the left foot 20 mm shorter than the right one, which
-            makes the robot drift sideways.
+    "closed" models the differentials of the hips and the four-bars of the ankles; "tree" also omits
+    rods, cranks and rotors (32 g).
     """
     path = resources.files(str(__package__)) / "bruce.xml"
     spec = mujoco.MjSpec.from_string(path.read_text())

@@ -195,7 +195,7 @@ class Bruce(Environment):
         else:
             conditions = np.array([options.command]), np.zeros(1, np.int64), np.ones(1)
         model, like = self.physics.model, self.physics.qpos
-        starts, self._first = states(self._library, *conditions, rest, model, like)
+        starts, self._first = states(self._library, conditions, rest, model, like)
         return Starts(starts, self.physics)
 
     def vary_model(self, seed: int) -> dict[str, np.ndarray]:

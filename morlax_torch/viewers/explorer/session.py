@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...envs import MorlaxError
 from ...envs.naming import title
 from ...envs.worlds.design_space import DesignSpace
-from ...envs.worlds.mujoco_robot import base_of, horizontal
+from ...envs.worlds.trees import base_of, horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.loading import load, load_front

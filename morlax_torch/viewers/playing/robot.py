@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...envs import MorlaxError
-from ...envs.worlds.mujoco_robot import base_of
+from ...envs.worlds.trees import base_of
 from .deployment import Export
 
 Array = NDArray[np.float64]
