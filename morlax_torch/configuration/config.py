@@ -3,9 +3,10 @@
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     Field,
     PositiveFloat,
     ValidationError,
@@ -47,7 +48,7 @@ MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")
 class Config(Section):
     """A training run."""
 
-    env: str
+    env: Annotated[str, AfterValidator(absolute)]
     """The task: a name of docs/tasks.md, mjlab:TASK, playground:TASK, a registered name,
     FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
     algorithm: Algorithm = "morlax"
@@ -90,11 +91,6 @@ class Config(Section):
     """Options of the algorithm."""
     task: ObjectiveOptions
     """Options of the task."""
-
-    @field_validator("env")
-    @classmethod
-    def _for_any_folder(cls, env: str) -> str:
-        return absolute(env)
 
     @field_validator("start_from")
     @classmethod

@@ -67,9 +67,6 @@ def even_tradeoffs(number: int, num_objectives: int) -> Tensor:
 
     With two objectives they are an even grid. With more, each is the point of a fine lattice that
     is farthest from those before it (Gonzalez, 1985), starting from the corners.
-
-    Raises:
-        MorlaxError: there are fewer trade-offs than objectives.
     """
     _check_number(number, num_objectives)
     if num_objectives == 2:
@@ -118,9 +115,6 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
     """Return the fixed trade-offs (number, m) to evaluate a front by.
 
     With two objectives they are an even grid; with more, the corners and Dirichlet draws.
-
-    Raises:
-        MorlaxError: there are fewer trade-offs than objectives.
     """
     _check_number(number, num_objectives)
     if num_objectives == 2:
@@ -142,14 +136,10 @@ def checked_tradeoff(
     """Convert a trade-off (m,) or several (K, m) to float32 on the device, or raise MorlaxError."""
     if not isinstance(tradeoff, Tensor):
         try:
-            numbers = np.asarray(tradeoff)
-            kind = None if np.iscomplexobj(numbers) else np.float32
             # a copy: torch takes no negative strides, and warns of arrays that are read-only
-            tradeoff = torch.from_numpy(np.array(numbers, kind, order="C"))
+            tradeoff = torch.from_numpy(np.array(tradeoff, np.float32, order="C"))
         except (TypeError, ValueError):
             raise MorlaxError(f"a trade-off consists of numbers, not {tradeoff!r}.") from None
-    if tradeoff.is_complex():
-        raise MorlaxError("a trade-off consists of real numbers, not complex ones.")
     tradeoff = tradeoff.to(device, torch.float32)
     m = len(objectives)
     if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
