@@ -5,16 +5,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    PositiveFloat,
-    ValidationError,
-    ValidationInfo,
-    create_model,
-    field_validator,
-    model_validator,
-)
+import pydantic
+from pydantic import Field, PositiveFloat, ValidationError, ValidationInfo
 
 from .. import envs
 from ..envs import MorlaxError, ObjectiveOptions
@@ -48,7 +40,7 @@ MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")
 class Config(Section):
     """A training run."""
 
-    env: Annotated[str, AfterValidator(absolute)]
+    env: Annotated[str, pydantic.AfterValidator(absolute)]
     """The task: a name of docs/tasks.md, mjlab:TASK, playground:TASK, a registered name,
     FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
     algorithm: Algorithm = "morlax"
@@ -92,12 +84,12 @@ class Config(Section):
     task: ObjectiveOptions
     """Options of the task."""
 
-    @field_validator("start_from")
+    @pydantic.field_validator("start_from")
     @classmethod
     def _from_any_folder(cls, run: str | None) -> str | None:
         return str(Path(run).absolute()) if run and Path(run).exists() else run
 
-    @field_validator("scalarization")
+    @pydantic.field_validator("scalarization")
     @classmethod
     def _known(cls, name: str) -> str:
         special = is_file(name) or name.startswith(CONSTRAINED)
@@ -154,7 +146,7 @@ class Config(Section):
     def num_values(self, num_objectives: int) -> int:
         return 1 if self.ppo.critic == "scalar" else num_objectives
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _consistent(self, info: ValidationInfo) -> Self:
         if info.context == DRAFT:
             return self
@@ -255,7 +247,7 @@ def config_class(env: str, algorithm: str = "morlax") -> type[Config]:
 
 @cache
 def _with_options(task: type[ObjectiveOptions], method: type[MethodOptions]) -> type[Config]:
-    return create_model(
+    return pydantic.create_model(
         "Config",
         __base__=Config,
         method=(method, method()),

@@ -13,12 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, g
 import tyro
 from pydantic import BaseModel, Field, ValidationError, field_validator
 from pydantic_core import PydanticUndefined
-from tyro.constructors import (
-    ConstructorRegistry,
-    StructConstructorSpec,
-    StructFieldSpec,
-    StructTypeInfo,
-)
+from tyro import constructors
 
 from ... import envs
 from ...configuration.config import DRAFT, MAY_CHANGE, Config, differences, load_config
@@ -40,7 +35,7 @@ KINDS = {int: "INT", float: "FLOAT", Path: "PATH", bool: ""}  # of values, in th
 
 C = TypeVar("C", bound=Section)
 S = TypeVar("S", bound="Start")
-_registry = ConstructorRegistry()
+_registry = constructors.ConstructorRegistry()
 
 Device = Annotated[
     str | None,
@@ -136,7 +131,7 @@ def _number(text: str, sign: str, example: str, problem: str) -> tuple[str, floa
 
 
 @_registry.struct_rule
-def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
+def _plain_values(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
     """Make tyro read a pydantic model as plain values, which are then checked together.
 
     tyro's own rule checks each section by itself, so that an error does not say where its value
@@ -150,10 +145,10 @@ def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
         if default is PydanticUndefined:
             default = tyro.MISSING
         kind: Any = field.rebuild_annotation()
-        fields.append(StructFieldSpec(name, kind, default, text_of(info.type, name)))
+        fields.append(constructors.StructFieldSpec(name, kind, default, text_of(info.type, name)))
     if issubclass(info.type, Trusting):
         fields.sort(key=lambda field: field.name in Trusting.model_fields)
-    return StructConstructorSpec(dict, tuple(fields))
+    return constructors.StructConstructorSpec(dict, tuple(fields))
 
 
 def text_of(model: type[BaseModel], option: str) -> str:
