@@ -259,9 +259,6 @@ def load_config(values: dict[str, Any], context: str | None = None) -> Config:
     """Check nested plain values, as in a YAML file, and return them as a config.
 
     In the context `DRAFT`, each value is checked on its own, not whether they fit together.
-
-    Raises:
-        MorlaxError: an unknown key, a wrong type or a combination that cannot work.
     """
     if not isinstance(values.get("env"), str):
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
@@ -294,10 +291,7 @@ def config_for(env: str, **changes: Any) -> Config:
 
 
 def differences(one: Config, other: Config) -> list[str]:
-    """Say which values of `other` differ that a resumed run may not change.
-
-    Each is as "ppo.clip: 0.3 instead of 0.2", with the value of `other` first.
-    """
+    """Say which values of `other` a resumed run may not change: "ppo.clip: 0.3 instead of 0.2"."""
     values, others = flat(one.model_dump(mode="json")), flat(other.model_dump(mode="json"))
     return [
         f"{key}: {others.get(key)} instead of {values.get(key)}"
