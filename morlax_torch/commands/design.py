@@ -81,7 +81,7 @@ def command(arguments: Sequence[str]) -> None:
             reached = _reached(designer, simulated, row)
             told = [f"body: {_body(designer, best)}", f"trade-off: {weights} ({reached})"]
     default = grid.rows(slice(options.tradeoffs))
-    _show(designer, default, grid, simulated, volume)
+    _show(designer, (default, grid, simulated), volume)
     for line in told:
         cli.console.print(line)
     designer.write(folder, simulated, default, best)
@@ -90,25 +90,20 @@ def command(arguments: Sequence[str]) -> None:
     cli.print_command("to see the robot", f"{program('explore')} {body}")
 
 
-def _show(
-    designer: "Designer",
-    default: "Simulated",
-    grid: "Simulated",
-    simulated: "Simulated",
-    best: float,
-) -> None:
+def _show(designer: "Designer", parts: "Sequence[Simulated]", best: float) -> None:
     """Print the fronts of one body and of all, and the most of each objective."""
     import numpy as np
     from rich.table import Table  # takes a while to import
 
     from ..evaluation import pareto
 
+    default, grid, simulated = parts
     without = int(np.isnan(grid.returns).any(1).sum()) // len(default.values)
     missing = f"; {without} bodies could not start" if without else ""
     cli.console.print(f"{len(simulated.values):,} policies were simulated{missing}")
     table = Table("front", "hypervolume", "policies", "bodies", box=None)
-    parts = {"default body": default, "bodies spread evenly": grid, "and refined": simulated}
-    for name, part in parts.items():
+    names = "default body", "bodies spread evenly", "and refined"
+    for name, part in zip(names, parts, strict=True):
         front = part.rows(pareto.non_dominated(part.returns))
         bodies = len(np.unique(front.designs, axis=0))
         volume = f"{designer.hypervolume(part):.4e}"

@@ -20,30 +20,12 @@ class Explore(Trusting, Served):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Explore, arguments)
-    from ..runs.loading import trust_run  # imports torch
-    from ..viewers.explorer import library
-
-    run = options.run or library.first()
-    trust_run(run, options.trust, options.env)
-    explore(run, options.host, options.port)
-    cli.skip_teardown()  # which would wait for the thread of a search
-
-
-def explore(run: str, host: str, port: int) -> None:
-    """Serve the page of a run until Ctrl-C.
-
-    Args:
-        run: a run's folder, a checkpoint file, or a shipped policy.
-        host: address to listen on.
-        port: TCP port to listen on, or the next free one; 0 selects any.
-
-    Raises:
-        MorlaxError: there is no such run, it has no checkpoint, websockets is not installed, or the
-            address cannot be listened on.
-    """
     with Live():
+        from ..runs.loading import trust_run  # imports torch
         from ..viewers.explorer import library
 
+        run = options.run or library.first()
+        trust_run(run, options.trust, options.env)
         choice = library.choose(run)
         import torch
 
@@ -53,7 +35,8 @@ def explore(run: str, host: str, port: int) -> None:
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
         with Live():
-            page = Page(partial(RunExhibit, choice), host, port)
+            page = Page(partial(RunExhibit, choice), options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)
         page.stop()
+    cli.skip_teardown()  # which would wait for the thread of a search

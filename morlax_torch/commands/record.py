@@ -45,23 +45,16 @@ class Record(OfRun):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Record, arguments)
     with Live():
-        from ..runs.loading import (  # imports torch
-            find_run,
-            load,
-            load_front,
-            objectives_of,
-            own_folder,
-            tradeoff_of,
-        )
+        from ..runs import loading  # imports torch
         from ..viewers.filming.recording import record
 
-        run, objectives = options.run, objectives_of(options.run)
-        tradeoffs = [tradeoff_of(text, run, objectives) for text in options.tradeoff]
-        policy = load(run, trust=options.trust, env=options.env)
-        folder = own_folder(run)
-        usual = folder / "film.mp4" if folder else Path(f"{find_run(run).name}.mp4")
+        run, objectives = options.run, loading.objectives_of(options.run)
+        tradeoffs = [loading.tradeoff_of(text, run, objectives) for text in options.tradeoff]
+        policy = loading.load(run, trust=options.trust, env=options.env)
+        folder = loading.own_folder(run)
+        usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")
         file = options.output or usual
-        front = load_front(run) if options.sweep else None
+        front = loading.load_front(run) if options.sweep else None
         bodies = [numbers(text, "--body thigh=0.4,calf=0.3") for text in options.body]
         time = options.seconds, options.speed
         sizes = options.width, options.height, options.pictures

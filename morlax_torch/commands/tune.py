@@ -18,7 +18,7 @@ from ..envs import MorlaxError
 from ..envs.naming import title
 from ..envs.worlds.options import Count
 from ..host.torchrun import SEVERAL
-from .terminal.arguments import Start, begin, draft, placed, values_over
+from .terminal.arguments import Start, begin, placed, values_over
 from .terminal.cli import console, print_command
 from .terminal.live import Live
 from .terminal.process import Interruption, interruptible, program
@@ -29,15 +29,14 @@ if TYPE_CHECKING:
     from ..tuning.study import Search
 
 PARENT = "MORLAX_TUNE_PARENT"  # set in workers: the process that waits for them
-OURS = "max_seconds", "max_env_steps", "evaluation.every"  # options that the search sets itself
+OURS = "max-seconds", "max-env-steps", "evaluation.every"  # options that the search sets itself
 BEST = 5  # trials that are listed at the end
 PAUSE = 0.5  # seconds between looks at what workers have done
 
 
-class TuneOptions(Start):
+class Tune(Start):
     """Search for a task's hyperparameters with Optuna."""
 
-    command = "tune"
     shown = {
         "What to tune": ("env", "algorithm", "config", "space", "indicators", "device"),
         "The search": ("trials", "seconds", "minutes", "workers"),
@@ -65,15 +64,14 @@ class TuneOptions(Start):
     """Number of processes that run trials (None: one per visible GPU, one on a CPU)."""
 
 
-def read(arguments: Sequence[str]) -> tuple[Config, TuneOptions, bool]:
+def read(arguments: Sequence[str]) -> tuple[Config, Tune, bool]:
     """Read the config of the file or task that is named, options, and whether one GPU is named."""
-    options, others = begin(TuneOptions, arguments)
-    below = draft(options)
-    values = values_over(below, options, others)
-    if any(flat(values)[name] != flat(below.model_dump())[name] for name in OURS):
+    options, others = begin(Tune, arguments)
+    typed = " ".join(others).replace("_", "-")
+    if any(f"--{name}" in typed for name in OURS):
         raise MorlaxError(f"the search sets {', '.join(OURS)} itself: use --seconds instead.")
-    config = placed({**values, "max_seconds": options.seconds})
-    return config, options, ":" in (values["device"] or "")
+    values = values_over(options, others) | {"max_seconds": options.seconds}
+    return placed(values), options, ":" in (values["device"] or "")
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -148,12 +146,12 @@ def _run_workers(
                     asked = True
                     for worker in workers:
                         worker.terminate()
+                for row, trial in enumerate(search.running()[-len(gpus) :]):
+                    live.show(f"trial {trial.number}", row=row)
                 for trial in search.finished():
                     if trial.number not in printed:
                         printed.add(trial.number)
                         _print_trial(search, trial)
-                for row, trial in enumerate(search.running()[-len(gpus) :]):
-                    live.show(f"trial {trial.number}", row=row)
     finally:
         for worker in workers:
             worker.kill()
@@ -166,10 +164,10 @@ def _print_trial(search: "Search", trial: "FrozenTrial") -> None:
 
     text, measured = trial.user_attrs.get("reason", ""), trial.user_attrs.get("measured")
     if measured and not text:
-        base = next((each for each in search.ranked() if each.user_attrs.get("base")), None)
-        volume = base.user_attrs["measured"][search.main] if base else 0.0
-        usual = flat(search.base.model_dump(mode="json"))
+        bases = (each.user_attrs for each in search.ranked() if each.user_attrs.get("base"))
+        volume = next((base["measured"][search.main] for base in bases), 0.0)
         ratio = f"{measured[search.main] / volume:.2f}" if volume > 0 else "-"
+        usual = flat(search.base.model_dump(mode="json"))
         changed = [
             f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
             for name, value in trial.user_attrs["options"].items()

@@ -3,17 +3,10 @@
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import (
-    Field,
-    PositiveFloat,
-    ValidationError,
-    ValidationInfo,
-    create_model,
-    field_validator,
-    model_validator,
-)
+import pydantic
+from pydantic import Field, PositiveFloat, ValidationError, ValidationInfo
 
 from .. import envs
 from ..envs import MorlaxError, ObjectiveOptions
@@ -47,7 +40,7 @@ MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")
 class Config(Section):
     """A training run."""
 
-    env: str
+    env: Annotated[str, pydantic.AfterValidator(absolute)]
     """The task: a name of docs/tasks.md, mjlab:TASK, playground:TASK, a registered name,
     FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
     algorithm: Algorithm = "morlax"
@@ -91,17 +84,12 @@ class Config(Section):
     task: ObjectiveOptions
     """Options of the task."""
 
-    @field_validator("env")
-    @classmethod
-    def _for_any_folder(cls, env: str) -> str:
-        return absolute(env)
-
-    @field_validator("start_from")
+    @pydantic.field_validator("start_from")
     @classmethod
     def _from_any_folder(cls, run: str | None) -> str | None:
         return str(Path(run).absolute()) if run and Path(run).exists() else run
 
-    @field_validator("scalarization")
+    @pydantic.field_validator("scalarization")
     @classmethod
     def _known(cls, name: str) -> str:
         special = is_file(name) or name.startswith(CONSTRAINED)
@@ -158,7 +146,7 @@ class Config(Section):
     def num_values(self, num_objectives: int) -> int:
         return 1 if self.ppo.critic == "scalar" else num_objectives
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _consistent(self, info: ValidationInfo) -> Self:
         if info.context == DRAFT:
             return self
@@ -259,7 +247,7 @@ def config_class(env: str, algorithm: str = "morlax") -> type[Config]:
 
 @cache
 def _with_options(task: type[ObjectiveOptions], method: type[MethodOptions]) -> type[Config]:
-    return create_model(
+    return pydantic.create_model(
         "Config",
         __base__=Config,
         method=(method, method()),
@@ -271,9 +259,6 @@ def load_config(values: dict[str, Any], context: str | None = None) -> Config:
     """Check nested plain values, as in a YAML file, and return them as a config.
 
     In the context `DRAFT`, each value is checked on its own, not whether they fit together.
-
-    Raises:
-        MorlaxError: an unknown key, a wrong type or a combination that cannot work.
     """
     if not isinstance(values.get("env"), str):
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
@@ -306,10 +291,7 @@ def config_for(env: str, **changes: Any) -> Config:
 
 
 def differences(one: Config, other: Config) -> list[str]:
-    """Say which values of `other` differ that a resumed run may not change.
-
-    Each is as "ppo.clip: 0.3 instead of 0.2", with the value of `other` first.
-    """
+    """Say which values of `other` a resumed run may not change: "ppo.clip: 0.3 instead of 0.2"."""
     values, others = flat(one.model_dump(mode="json")), flat(other.model_dump(mode="json"))
     return [
         f"{key}: {others.get(key)} instead of {values.get(key)}"

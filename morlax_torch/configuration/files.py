@@ -62,9 +62,6 @@ def file_values(
     """Return the values of a YAML file for "cuda" or "cpu" over those of its task and algorithm.
 
     `env` and `algorithm` are those of the command line; another task may use the file's values.
-
-    Raises:
-        MorlaxError: the file cannot be read, or is for another algorithm.
     """
     values = _fitted(read_yaml(path), device_type)
     if algorithm is not None and values.setdefault("algorithm", algorithm) != algorithm:
@@ -98,11 +95,7 @@ def algorithm_of(values: dict[str, Any]) -> str:
 
 
 def read_yaml(path: AnyPath, what: str = "config", such_as: str = "env: ant") -> dict[str, Any]:
-    """Read the keys and values of a YAML file; errors name its kind, and a line `such_as` it has.
-
-    Raises:
-        MorlaxError: it cannot be read, is not a mapping, or has the same key twice.
-    """
+    """Read a YAML file of keys and values; errors name its kind, and a line `such_as` it has."""
     try:
         values = yaml.load(read(path, what), _UniqueKeys)
     except (yaml.YAMLError, ValueError) as error:
@@ -119,13 +112,9 @@ class _UniqueKeys(yaml.SafeLoader):
     """Refuses a key that appears twice, of which YAML would silently take the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        seen: list[str] = []
-        for key, _ in node.value:
-            if key.value in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key.value} appears twice", problem_mark=key.start_mark
-                )
-            seen.append(key.value)
+        keys = [key.value for key, _ in node.value]
+        for key in (key for index, key in enumerate(keys) if key in keys[:index]):
+            raise yaml.MarkedYAMLError(f"the key {key} appears twice", node.start_mark)
         return super().construct_mapping(node, deep)
 
 

@@ -67,9 +67,6 @@ def even_tradeoffs(number: int, num_objectives: int) -> Tensor:
 
     With two objectives they are an even grid. With more, each is the point of a fine lattice that
     is farthest from those before it (Gonzalez, 1985), starting from the corners.
-
-    Raises:
-        MorlaxError: there are fewer trade-offs than objectives.
     """
     _check_number(number, num_objectives)
     if num_objectives == 2:
@@ -118,9 +115,6 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
     """Return the fixed trade-offs (number, m) to evaluate a front by.
 
     With two objectives they are an even grid; with more, the corners and Dirichlet draws.
-
-    Raises:
-        MorlaxError: there are fewer trade-offs than objectives.
     """
     _check_number(number, num_objectives)
     if num_objectives == 2:

@@ -24,22 +24,11 @@ def deploy(
     tradeoff: Sequence[float] | None = None,
     slew: float | None = None,
 ) -> list[str] | None:
-    """Write deploy.yaml and robot.zip beside an exported policy.
+    """Write deploy.yaml and robot.zip beside the file of an exported policy.
 
-    Args:
-        robot: the task's.
-        policy: file of the policy.
-        task: name of the task.
-        objectives: m names.
-        tradeoff: (m,) of the policy; None if it is an input.
-        slew: largest change of a trade-off's weight per second; None for any.
-
-    Returns:
-        What the files lack, in sentences. None, and no file is written, unless the robot's actions
-        are positions of joints.
-
-    Raises:
-        MorlaxError: a file cannot be written.
+    `tradeoff` (m,) is None if it is an input, and its weights change by at most `slew` per second.
+    Returns what the files lack, in sentences; None, and no file is written, unless the robot's
+    actions are positions of joints.
     """
     deployment = robot.deployment()
     if deployment is None:

@@ -96,8 +96,7 @@ def export(
 
 def _samples(policy: Policy, rows: int, with_tradeoff: bool) -> tuple[Tensor, ...]:
     """Draw observations (rows, O) as in training, and a trade-off (m,)."""
-    agent = policy.agent
-    shape = rows, agent.observation_size
+    agent, shape = policy.agent, (rows, policy.agent.observation_size)
     noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
@@ -117,11 +116,10 @@ def robot_of(policy: Policy) -> Robot:
 def manifest(
     policy: Policy, tradeoff: Sequence[float] | None = None, robot: Robot | None = None
 ) -> dict[str, Any]:
-    """Return the task, the order and units of inputs and outputs, and the control rate.
-
-    `robot` is the task's, if it is made already.
-    """
+    """Return the task, the order and units of inputs and outputs, and the control rate."""
     config, env = policy.config, robot or robot_of(policy)
+    parts = env.layout()
+    stops = accumulate(part.size for part in parts)
     return {
         "morlax_torch": __version__,
         "task": config.env,
@@ -130,7 +128,10 @@ def manifest(
         "tradeoff": None if tradeoff is None else [float(weight) for weight in tradeoff],
         "control_rate_hz": round(1 / env.dt, 6),
         "observation_size": env.observation_size,
-        "observation": observation(env),
+        "observation": [
+            {"name": part.name, "slice": [stop - part.size, stop], "unit": part.unit}
+            for part, stop in zip(parts, stops, strict=True)
+        ],
         "action_size": env.action_size,
         "actuators": actuators(env),
         "control": control(env),
@@ -145,16 +146,6 @@ def provenance(run: AnyPath) -> dict[str, Any]:
         rows = read_rows(metrics)
         origin["best_hypervolume"] = hypervolume_of(rows[best_row(rows)])
     return origin
-
-
-def observation(env: Robot) -> list[dict[str, Any]]:
-    """Return the name, slice and unit of each part of an observation."""
-    parts = env.layout()
-    stops = accumulate(part.size for part in parts)
-    return [
-        {"name": part.name, "slice": [stop - part.size, stop], "unit": part.unit}
-        for part, stop in zip(parts, stops, strict=True)
-    ]
 
 
 def actuators(env: Robot) -> list[dict[str, Any]]:

@@ -20,15 +20,9 @@ OUTPUT = "action"
 
 
 class Format(NamedTuple):
-    """A file format.
-
-    `write` maps a program and its metadata to the file's bytes; `read` maps these to a callable
-    that takes the program's inputs and returns actions.
-    """
-
     ending: str
-    write: Callable[[ExportedProgram, dict[str, Any]], bytes]
-    read: Callable[[bytes], Callable[..., Tensor]]
+    write: Callable[[ExportedProgram, dict[str, Any]], bytes]  # with the file's metadata
+    read: Callable[[bytes], Callable[..., Tensor]]  # what maps the program's inputs to actions
 
 
 def write_onnx(program: ExportedProgram, metadata: dict[str, Any]) -> bytes:
@@ -118,8 +112,7 @@ def quiet() -> Iterator[None]:
     usual = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             yield
     finally:
         logging.disable(usual)

@@ -33,11 +33,12 @@ def one_thread(device: "torch.device") -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def shortage_of_memory(error: MemoryError | RuntimeError) -> str | None:
+def shortage_of_memory(error: BaseException) -> str | None:
     """Say that memory is full, if that is why computing failed; else return None."""
     # NumPy, torch and Warp each report a lack of memory in their own way
     words = ("out of memory", "allocate")
-    if not isinstance(error, MemoryError) and not any(word in str(error) for word in words):
+    told = isinstance(error, RuntimeError) and any(word in str(error) for word in words)
+    if not told and not isinstance(error, MemoryError):
         return None
     import torch  # it, or what it computes with, is what failed
 

@@ -1,7 +1,5 @@
 """Search over bodies and trade-offs together, of a family of policies that knows many bodies."""
 
-import csv
-import io
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -18,7 +16,7 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.figures import designs_figure
 from ..evaluation.figures import save as save_figure
 from ..evaluation.making import embody, evaluation_worlds
-from ..host.files import write_file
+from ..host.files import write_file, write_rows
 from ..host.phases import phase
 from ..networks.policy import Policy
 from ..runs.loading import save
@@ -48,11 +46,7 @@ class Simulated(NamedTuple):
 
 
 class Designer:
-    """Simulates policies of any body and trade-off, on the policy's device.
-
-    Raises:
-        MorlaxError: the policy was trained with one body.
-    """
+    """Simulates policies of any body and trade-off, on the policy's device."""
 
     def __init__(self, policy: Policy, seed: int = 0):
         if not len(policy.agent.context):
@@ -143,12 +137,10 @@ class Designer:
         """Write the front of all bodies as a table and a figure, and the best body."""
         policy, parameters = self.policy, self.space.parameters
         weights = [f"weight of {name}" for name in policy.objectives]
-        table, front = io.StringIO(), simulated.rows(pareto.non_dominated(simulated.returns))
-        writer = csv.writer(table, lineterminator="\n")
-        writer.writerow([*parameters, *weights, *policy.objectives, *self.quantities])
-        for row in zip(*front, strict=True):
-            writer.writerow([f"{number:.6g}" for part in row for number in part])
-        write_file(folder / "designs.csv", table.getvalue())
+        front = simulated.rows(pareto.non_dominated(simulated.returns))
+        heads = [*parameters, *weights, *policy.objectives, *self.quantities]
+        rows = ([f"{number:.6g}" for number in row] for row in np.hstack(front))
+        write_rows(folder / "designs.csv", [heads, *rows])
         units = [f"{name} ({each.unit})" for name, each in parameters.items()]
         usual = pareto.front(default.returns)
         figure = designs_figure(policy.objectives, front.returns, front.designs, units, usual)
@@ -161,9 +153,9 @@ class Designer:
 
 def best_first(returns: np.ndarray) -> np.ndarray:
     """Order rows of returns (n, m): first the non-dominated ones, then those of the rest, ..."""
-    left, ordered = np.flatnonzero(np.isfinite(returns).all(1)), []
+    left = np.flatnonzero(np.isfinite(returns).all(1))
+    ordered = left[:0]
     while len(left):
         front = pareto.non_dominated(returns[left])
-        ordered.append(left[front])
-        left = left[~front]
-    return np.concatenate(ordered) if ordered else left
+        ordered, left = np.append(ordered, left[front]), left[~front]
+    return ordered

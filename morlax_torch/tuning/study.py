@@ -1,7 +1,5 @@
 """The search for hyperparameters: a study of Optuna, whose trials train a few times."""
 
-import csv
-import io
 import json
 import math
 import os
@@ -22,7 +20,7 @@ from ..envs import MorlaxError, resolve_device
 from ..envs.errors import installation, shortened
 from ..envs.naming import title
 from ..evaluation.front import hypervolume_in
-from ..host.files import AnyPath, attempting, make_folder, write_file
+from ..host.files import AnyPath, attempting, make_folder, write_file, write_rows
 from ..host.phases import within
 from ..host.resources import release_memory, shortage_of_memory
 from ..runs.progress import Evaluation
@@ -31,7 +29,6 @@ from ..runs.training import Session
 try:
     import optuna
     from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
-    from optuna.storages import RetryHeartbeatStaleTrialCallback
     from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
     from optuna.trial import FrozenTrial as Trial
     from optuna.trial import TrialState as State
@@ -43,11 +40,10 @@ except ImportError as error:
 optuna.logging.set_verbosity(optuna.logging.ERROR)
 
 Distribution = CategoricalDistribution | FloatDistribution | IntDistribution
-FIXED = (  # sections and options that all trials share
-    *("env", "algorithm", "seed", "device", "backend", "deterministic", "evaluation"),
-    *("max_env_steps", "max_seconds", "task.objectives", "task.shared", "task.reference_point"),
+FIXED = (  # beginnings of what all trials share, as more of the task
+    *("env.", "algorithm.", "seed.", "device.", "backend.", "deterministic.", "evaluation."),
+    *("max_env_steps.", "max_seconds.", "task.objectives.", "task.shared."),
 )
-SHARED = "all trials share it, so that they can be compared: leave it out"
 ATTEMPTS = 1000  # draws, of which one must make a valid config
 CHANGED = 0.1  # share of the options that a trial changes, beside one
 ENOUGH = 20  # trials, from which on TPE draws every second one
@@ -76,24 +72,24 @@ class Space:
             raise MorlaxError(f"{ATTEMPTS} draws from {source} do not fit together.")
 
     def _add(self, name: str, choices: Any) -> None:
-        if any(f"{name}.".startswith(f"{section}.") for section in FIXED):
-            raise ValueError(SHARED)
-        self.distributions[name] = each = _distribution(choices, self._options.get(name))
-        ends = each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
-        for value in ends:
-            config = self.config({name: value}, DRAFT)
-            if config.task.for_evaluation() != self.base.task.for_evaluation():
-                raise ValueError(SHARED)
+        shared = f"{name}.".startswith(FIXED)
+        if not shared:
+            self.distributions[name] = each = _distribution(choices, self._options.get(name))
+            category = isinstance(each, CategoricalDistribution)
+            ends = each.choices if category else (each.low, each.high)
+            tasks = [self.config({name: value}, DRAFT).task.for_evaluation() for value in ends]
+            shared = any(task != self.base.task.for_evaluation() for task in tasks)
+        if shared:
+            raise ValueError("all trials share it, so that they can be compared: leave it out")
 
     def config(self, draw: Mapping[str, Any], context: Any = None) -> Config:
         """Return the config of a draw, or raise MorlaxError if values do not fit together."""
         values = self.base.model_dump(mode="json")
-        for name, drawn in draw.items():
-            value = drawn
+        for name, value in draw.items():
             if isinstance(self.distributions[name], FloatDistribution):
-                value = float(f"{drawn:.6g}")  # so that files show 0.15, not 0.15000000000000002
-            elif isinstance(drawn, str) and drawn.startswith("["):
-                value = json.loads(drawn)
+                value = float(f"{value:.6g}")  # so that files show 0.15, not 0.15000000000000002
+            elif isinstance(value, str) and value.startswith("["):
+                value = json.loads(value)
             values = merged(values, nested(name, value))
         return load_config(values, context)
 
@@ -125,18 +121,17 @@ def _distribution(choices: Any, base: Any) -> Distribution:
     if isinstance(choices, dict) and "times" in choices:
         if isinstance(base, bool) or not isinstance(base, int | float):
             raise ValueError(f"{shortened(base)} in the base config has no multiples")
-        multiples = [base * factor for factor in choices["times"]]
-        if not all(0 < multiple < math.inf for multiple in multiples):
+        choices = [base * factor for factor in choices["times"]]
+        if not all(0 < multiple < math.inf for multiple in choices):
             raise ValueError("use a list of positive factors, such as {times: [0.5, 1, 2]}")
-        choices = [max(1, round(x)) if isinstance(base, int) else x for x in multiples]
+        if isinstance(base, int):
+            choices = [max(1, round(multiple)) for multiple in choices]
     if isinstance(choices, list):
         return CategoricalDistribution([*dict.fromkeys(map(_label, choices))])
     if not isinstance(choices, dict):
         raise ValueError(f"use a list of values or {{low: ..., high: ...}}, not {choices!r}")
     # YAML takes 1e-4 as text
-    fields: dict[str, Any] = {
-        key: float(x) if isinstance(x, str) else x for key, x in choices.items()
-    }
+    fields: Any = {key: float(x) if isinstance(x, str) else x for key, x in choices.items()}
     whole = all(isinstance(value, int) for value in fields.values())
     return IntDistribution(**fields) if whole else FloatDistribution(**fields)
 
@@ -184,14 +179,15 @@ class Search:
         self.storage = storage or str(self.folder / "journal.log")
         self.seconds, self.indicators = seconds, indicators
         self.main = indicators[0] if len(indicators) == 1 else "hypervolume"
-        first = max(1, int(1000 * FIRST * seconds))
         try:
             self.study = optuna.create_study(
                 storage=_open(self.storage),
                 sampler=optuna.samplers.TPESampler(
                     n_startup_trials=ENOUGH, multivariate=True, constant_liar=True
                 ),
-                pruner=optuna.pruners.SuccessiveHalvingPruner(first, REDUCTION),
+                pruner=optuna.pruners.SuccessiveHalvingPruner(
+                    max(1, int(1000 * FIRST * seconds)), REDUCTION
+                ),
                 study_name=study or title(config.env),
                 directions=["minimize" if x == "sparsity" else "maximize" for x in indicators],
                 load_if_exists=True,
@@ -273,13 +269,12 @@ class Search:
     def _propose(self) -> None:
         """Queue a new trial near the best one."""
         trials = self.study.get_trials(deepcopy=False)
-        if any(trial.state == State.WAITING for trial in trials):
-            return
         best = [trial.params for trial in self.study.best_trials] or [self.space.base_draw()]
         tried = [trial.params for trial in trials]
-        draws = self.space.draws(random.choice(best))
-        if new := next((draw for draw in draws if draw not in tried), None):
-            self.study.enqueue_trial(new)
+        draws = (x for x in self.space.draws(random.choice(best)) if x not in tried)
+        waiting = any(trial.state == State.WAITING for trial in trials)
+        if not waiting and (draw := next(draws, None)):
+            self.study.enqueue_trial(draw)
 
     def _run(self, trial: optuna.Trial) -> list[float]:
         """Return the indicators of a trial; none if its options do not fit together."""
@@ -293,21 +288,18 @@ class Search:
         except MorlaxError:
             return []
         values = flat(config.model_dump(mode="json"))
-        options = {name: values.get(name) for name in self.space.distributions}
-        trial.set_user_attr("options", options)
+        trial.set_user_attr("options", {x: values.get(x) for x in self.space.distributions})
         try:
             return self._train(trial, config)
         except optuna.TrialPruned:
             raise
         except BaseException as error:
-            reason = str(error) if isinstance(error, MorlaxError) else None
-            if isinstance(error, MemoryError | RuntimeError):
-                reason = shortage_of_memory(error)
-            if reason is None:
-                self.study.enqueue_trial(trial.params, {"base": base})
-                raise
-            trial.set_user_attr("reason", reason)
-            raise optuna.TrialPruned from None
+            failed = isinstance(error, MorlaxError)
+            if reason := str(error) if failed else shortage_of_memory(error):
+                trial.set_user_attr("reason", reason)
+                raise optuna.TrialPruned from None
+            self.study.enqueue_trial(trial.params, {"base": base})
+            raise
 
     def _train(self, trial: optuna.Trial, config: Config) -> list[float]:
         """Train once, or with several seeds if the trial looks like the best one so far.
@@ -333,36 +325,34 @@ class Search:
     def _train_once(self, trial: optuna.Trial | None, config: Config) -> dict[str, float]:
         """Return the numbers of the best evaluation; `trial`, if any, may be pruned."""
         release_memory()
-        best, record, seconds, steps = {}, -math.inf, 0.0, 0
+        done, numbers = list[Evaluation](), {}
         with closing(evaluations(config, self._stopped)) as evaluated:
             for evaluation in evaluated:
-                score = self._score(_plain(evaluation.measured))
-                if not best or score > record:
-                    best, record = _plain(evaluation.indicators), score
+                done.append(evaluation)
+                best = max(done, key=lambda each: self._score(_plain(each.measured)))
                 seconds, steps = evaluation.train_seconds, evaluation.env_steps
+                numbers = {**_plain(best.indicators), "train_seconds": seconds, "env_steps": steps}
                 if trial is not None and steps and seconds < self.seconds:
-                    trial.report(best[self.main], int(1000 * seconds))
+                    trial.report(numbers[self.main], int(1000 * seconds))
                     if trial.should_prune() and not trial.user_attrs.get("base"):
-                        break
-            else:
-                if seconds < self.seconds:
-                    raise _Stopped
-        return {**best, "train_seconds": seconds, "env_steps": steps}
+                        return numbers
+        if numbers.get("train_seconds", 0.0) < self.seconds:
+            raise _Stopped
+        return numbers
 
     def write(self) -> None:
         """Write trials.csv and, once a trial is complete, best.yaml, or raise MorlaxError."""
         measured = (*get_args(Indicator), "train_seconds", "env_steps", "seeds")
         names = ("number", "state", "base", *measured, *self.space.distributions, "reason")
-        table = io.StringIO()
-        writer = csv.DictWriter(table, names, extrasaction="ignore")
-        writer.writeheader()
+        rows = [names]
         for trial in self.finished():
             row = {**trial.user_attrs, "number": trial.number, "state": state_of(trial)}
-            writer.writerow({**row, **row["options"], **row.get("measured", {})})
+            row |= row["options"] | row.get("measured", {})
+            rows.append(tuple(row.get(name, "") for name in names))
         make_folder(self.folder)
         # processes must not replace newer files by older ones
         with attempting(f"write to {self.folder}"), FileLock(self.folder / ".lock"):
-            write_file(self.folder / "trials.csv", table.getvalue())
+            write_rows(self.folder / "trials.csv", rows)
             for best in self.ranked()[:1]:
                 values = best.user_attrs["measured"]
                 comment = (
@@ -388,8 +378,7 @@ def state_of(trial: Trial) -> str:
 def evaluations(config: Config, stopped: Callable[[], bool]) -> Generator[Evaluation, None, None]:
     """Train until max_seconds, and yield evaluations at its start, at its end and between."""
     times = [share * (config.max_seconds or 0.0) for share in (FIRST, REDUCTION * FIRST, 2 / 3)]
-    session = Session.of(config, written=False)
-    yield from session.training(stopped=stopped, evaluate_at=times)
+    return Session.of(config, written=False).training(stopped=stopped, evaluate_at=times)
 
 
 class _Stopped(Exception):
@@ -416,11 +405,10 @@ def _open(storage: str) -> optuna.storages.BaseStorage:
     """Open a journal file, or the database of a URL, such as postgresql://..."""
     if "://" in storage:
         with warnings.catch_warnings(action="ignore"):  # heartbeats are experimental
+            again = optuna.storages.RetryHeartbeatStaleTrialCallback(max_retry=1)
+            beats: Any = {"heartbeat_interval": 60, "grace_period": 600}
             return optuna.storages.RDBStorage(
-                storage,
-                heartbeat_interval=60,
-                grace_period=600,
-                heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=1),
+                storage, **beats, heartbeat_stale_trial_callback=again
             )
     path = Path(storage)
     make_folder(path.parent)

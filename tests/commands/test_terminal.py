@@ -138,7 +138,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
-    models = [arguments.Train, tune.TuneOptions]
+    models = [arguments.Train, tune.Tune]
     models += [config_class(env, name) for name in ALGORITHMS]
     for model in models:
         assert not undescribed(model)

@@ -90,7 +90,7 @@ def test_they_are_explored_and_evaluated_eagerly(device):
 def test_their_run_is_evaluated_and_resumed_in_new_worlds(tmp_path, capsys):
     check_run(tiny(POINTS, backend=None), tmp_path / "run", capsys)
     run = str(tmp_path / "run")
-    for use in (lambda: export.command([run]), lambda: explore.explore(run, "x", 0)):
+    for use in (lambda: export.command([run]), lambda: explore.command([run])):
         with pytest.raises(MorlaxError, match=r"has no MuJoCo robot, so it cannot be shown"):
             use()
 

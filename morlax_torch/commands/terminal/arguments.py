@@ -13,12 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, g
 import tyro
 from pydantic import BaseModel, Field, ValidationError, field_validator
 from pydantic_core import PydanticUndefined
-from tyro.constructors import (
-    ConstructorRegistry,
-    StructConstructorSpec,
-    StructFieldSpec,
-    StructTypeInfo,
-)
+from tyro import constructors
 
 from ... import envs
 from ...configuration.config import DRAFT, MAY_CHANGE, Config, differences, load_config
@@ -40,7 +35,7 @@ KINDS = {int: "INT", float: "FLOAT", Path: "PATH", bool: ""}  # of values, in th
 
 C = TypeVar("C", bound=Section)
 S = TypeVar("S", bound="Start")
-_registry = ConstructorRegistry()
+_registry = constructors.ConstructorRegistry()
 
 Device = Annotated[
     str | None,
@@ -106,9 +101,6 @@ class Limits(Section):
         """Return the least and the largest values by name, the strictest of each.
 
         `more` are requirements such as "run >= 2000".
-
-        Raises:
-            MorlaxError: a text is not a requirement.
         """
         least, most = {}, {}
         for limits, strictest, plain, option, sign, example in (
@@ -124,11 +116,7 @@ class Limits(Section):
 
 
 def numbers(text: str, example: str) -> dict[str, float]:
-    """Read numbers by name, such as "thigh=0.4,calf=0.3".
-
-    Raises:
-        MorlaxError: the text is something else; the sentence shows the example.
-    """
+    """Read numbers by name, such as "thigh=0.4,calf=0.3"; a refusal shows the example."""
     return dict(_number(part, "=", example, "does not name numbers") for part in text.split(","))
 
 
@@ -143,7 +131,7 @@ def _number(text: str, sign: str, example: str, problem: str) -> tuple[str, floa
 
 
 @_registry.struct_rule
-def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
+def _plain_values(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
     """Make tyro read a pydantic model as plain values, which are then checked together.
 
     tyro's own rule checks each section by itself, so that an error does not say where its value
@@ -157,10 +145,10 @@ def _plain_values(info: StructTypeInfo) -> StructConstructorSpec | None:
         if default is PydanticUndefined:
             default = tyro.MISSING
         kind: Any = field.rebuild_annotation()
-        fields.append(StructFieldSpec(name, kind, default, text_of(info.type, name)))
+        fields.append(constructors.StructFieldSpec(name, kind, default, text_of(info.type, name)))
     if issubclass(info.type, Trusting):
         fields.sort(key=lambda field: field.name in Trusting.model_fields)
-    return StructConstructorSpec(dict, tuple(fields))
+    return constructors.StructConstructorSpec(dict, tuple(fields))
 
 
 def text_of(model: type[BaseModel], option: str) -> str:
@@ -173,11 +161,7 @@ def text_of(model: type[BaseModel], option: str) -> str:
 
 
 def parse(command: type[C], arguments: Sequence[str]) -> C:
-    """Read the options of a command, whose class has its name, and whose docstring is its help.
-
-    Raises:
-        MorlaxError: a value is out of range.
-    """
+    """Read the options of a command, whose class has its name, and whose docstring is its help."""
     values = tyro.cli(
         command,
         prog=program(command.__name__.lower()),
@@ -214,7 +198,6 @@ def _filled(text: str, first: str, others: str) -> str:
 class Start(Section):
     """The options that decide which others there are; a command adds its own."""
 
-    command: ClassVar[str]
     shown: ClassVar[dict[str, tuple[str, ...]]]  # names of options in the short help, by heading
     examples: ClassVar[tuple[str, ...]]  # command lines
     env: str | None = None
@@ -227,7 +210,6 @@ class Start(Section):
 class Train(Start):
     """Train one hypernetwork to hold a whole Pareto front of policies."""
 
-    command = "train"
     shown = {
         "What to learn": ("env", "algorithm", "scalarization", "config", "start_from"),
         "The run": ("output", "resume", "trust", "seed", "device"),
@@ -262,7 +244,7 @@ def begin(command: type[S], arguments: Sequence[str]) -> tuple[S, list[str]]:
         sys.exit(0)
     values, others = tyro.cli(
         command,
-        prog=program(command.command),
+        prog=program(command.__name__.lower()),
         args=arguments,
         default=command(),
         registry=_registry,
@@ -274,7 +256,7 @@ def begin(command: type[S], arguments: Sequence[str]) -> tuple[S, list[str]]:
 
 def print_help(command: type[Start]) -> None:
     """Print the options that a command's help shows, under their headings, and examples."""
-    typed = program(command.command)
+    typed = program(command.__name__.lower())
     lines = [f"usage: {typed} [OPTIONS]", "", _paragraphs(command.__doc__ or "")]
     for heading, names in command.shown.items():
         lines += ["", f"{heading}:", *(_help_line(command, name) for name in names)]
@@ -302,12 +284,8 @@ def _types(kind: Any) -> list[Any]:
     return [kind, *(inner for part in get_args(kind) for inner in _types(part))]
 
 
-def draft(start: Start) -> Config:
-    """Return the config of the file or task that a command line names, which it may repair."""
-    return load_config(_base_values(start), DRAFT)
-
-
 def _base_values(start: Start) -> dict[str, Any]:
+    """Return the values of the file or task that a command line names."""
     named = start.model_dump(include={"algorithm", "device"}, exclude_none=True)
     if start.config is None:
         if start.env is None:
@@ -324,15 +302,16 @@ def _base_values(start: Start) -> dict[str, Any]:
     return {**values, **named}
 
 
-def values_over(base: Config, start: Start, others: Sequence[str]) -> dict[str, Any]:
+def values_over(start: Start, others: Sequence[str], base: Config | None = None) -> dict[str, Any]:
     """Read options over a config, with --help-all as their help; return its plain values.
 
-    They may repair a config whose values do not fit together.
+    It is that of the file or task that the command line names, unless `base` is another one.
     """
+    base = base or load_config(_base_values(start), DRAFT)  # which the options may repair
     about = f"All options of a config, with the defaults of --env {base.env}, from configs/."
     values: Any = tyro.cli(
         type(base),
-        prog=program(start.command),
+        prog=program(type(start).__name__.lower()),
         args=["--help" if option == HELP_ALL else option for option in others],
         default=base,
         description=_paragraphs(about),
@@ -362,14 +341,13 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
         start = start.model_copy(update={"env": USUAL})
     if start.resume is not None:
         return *_resumed(start, others), None
-    config = placed(values_over(draft(start), start, others))
-    if MAY_RESTART:
-        if start.output is None:
-            raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
-        if _was_begun(start.output):
-            from ...runs.run import Run
+    config = placed(values_over(start, others))
+    if MAY_RESTART and start.output is None:
+        raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
+    if MAY_RESTART and start.output and _was_begun(start.output):
+        from ...runs.run import Run
 
-            return config, Run.open(start.output), None
+        return config, Run.open(start.output), None
     return config, None, start.output
 
 
@@ -387,7 +365,7 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
         envs.get(start.env)  # the user names this code
     moved = start.env if start.env and is_file(start.env) else None
     base = run.config(start.trust, moved)
-    values = values_over(base, start, options)
+    values = values_over(start, options, base)
     values |= start.model_dump(include={"device", "algorithm", "env"}, exclude_none=True)
     config = placed(values, base)
     if others := differences(base, config):
@@ -399,14 +377,10 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
 
 
 def _was_begun(output: Path) -> bool:
-    """Return whether this launch of `torchrun` began the run before it restarted.
-
-    Raises:
-        MorlaxError: another launch did. Only the first process knows, and ends the others.
-    """
+    """Return whether this launch of `torchrun` began the run; raise MorlaxError if another did."""
     if not (output / "config.yaml").is_file():
         return False
-    if FIRST:
+    if FIRST:  # which ends the others
         from ...runs import checkpoint
         from ...runs.run import taken
 

@@ -48,7 +48,8 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if "--version" in arguments:
             print(f"morlax_torch {__version__}")
             return
-        _check_text(arguments)
+        if any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
+            raise MorlaxError("an argument is not valid UTF-8.")
         with exiting_on_signals(), exiting_when_stuck() if SEVERAL else nullcontext():
             main(arguments)
         torch = sys.modules.get("torch")
@@ -71,16 +72,14 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if error.filename is None and error.errno == errno.ENOSPC:
             _silence_output()
             fail("cannot print: no space left on the device that the output goes to.")
-        if not _is_named(error.filename, arguments):
+        named = (argument.rpartition("=")[2] for argument in arguments)
+        if not any(name and str(error.filename).startswith(name) for name in named):
             raise  # of code that is not ours, such as a user's robot
         fail(f"cannot use {error.filename}: {error.strerror}.")
     except (AttributeError, MemoryError, RuntimeError) as error:
-        sentence = _unusable_opengl(error)
-        if sentence is None and not isinstance(error, AttributeError):
-            sentence = shortage_of_memory(error)
-        if sentence is None:
-            raise
-        fail(sentence)
+        if sentence := _unusable_opengl(error) or shortage_of_memory(error):
+            fail(sentence)
+        raise
 
 
 def _prepare() -> None:
@@ -112,14 +111,6 @@ def skip_teardown(status: int = 0) -> NoReturn:
     os._exit(status)
 
 
-def _check_text(arguments: Sequence[str]) -> None:
-    for argument in arguments:
-        try:
-            argument.encode()
-        except UnicodeEncodeError:
-            raise MorlaxError(f"the argument {argument!a} is not valid UTF-8.") from None
-
-
 def _unusable_opengl(error: Exception) -> str | None:
     """Say that MuJoCo could not be imported because of MUJOCO_GL, if that is why `error` came."""
     chosen, frames = os.environ.get("MUJOCO_GL"), traceback.extract_tb(error.__traceback__)
@@ -130,12 +121,6 @@ def _unusable_opengl(error: Exception) -> str | None:
         f"MuJoCo cannot be imported with MUJOCO_GL={chosen}: {words(error)}. Unset MUJOCO_GL, or "
         "set it to glfw, egl or osmesa, whichever is installed."
     )
-
-
-def _is_named(path: object, arguments: Sequence[str]) -> bool:
-    """Return whether a path is, or lies in, one that the command line names."""
-    named = (argument.rpartition("=")[2] for argument in arguments)
-    return any(name and str(path).startswith(name) for name in named)
 
 
 def _silence_output() -> None:

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 from typing import Self
 
@@ -13,13 +14,13 @@ from ...runs.progress import Evaluation, Progress
 from ...runs.references import NAMES_CODE
 from ...runs.training import TRAINING
 from .cli import console, print_command
-from .live import Live, described
+from .live import Live
 from .process import program
 
 SLOW = 1000.0  # steps/s; hyper-sac learns from 500 on one CPU core
 
 
-class Display:
+class Display(Live):
     """A line per evaluation, and in between a moving bar; on a file or pipe a line at times.
 
     Only the first of several processes shows anything. `progress` is read live while training
@@ -27,8 +28,8 @@ class Display:
     """
 
     def __init__(self, learner: Learner, folder: Path, progress: Progress):
+        super().__init__()
         self._learner, self._folder, self._progress = learner, folder, progress
-        self._live = Live(describe=self._described)
         self._named = False  # the columns
         self._hinted = False
         self._unreached: str | None = None  # why the latest hypervolume of trained policies is 0
@@ -36,8 +37,7 @@ class Display:
     def __enter__(self) -> Self:
         for line in self._introduction():
             console.print(line)
-        self._live.__enter__()
-        return self
+        return super().__enter__()
 
     def _introduction(self) -> Iterator[str]:
         config, env, progress = self._learner.config, self._learner.env, self._progress
@@ -70,12 +70,9 @@ class Display:
         if env.simulator == "MuJoCo Warp":
             yield "compiling kernels: up to a minute the first time on a machine"
 
-    def __exit__(self, *_: object) -> None:
-        self._live.__exit__()
-
     def evaluated(self, evaluation: Evaluation) -> None:
         """Print a line for an evaluation, and the names of its columns before the first line."""
-        self._live.told()
+        self.told()
         row = evaluation.row()
         name = hypervolume_in(row)
         volume = name.replace("_", " ")
@@ -125,17 +122,17 @@ class Display:
         trust = " --trust" * any(runs_code(getattr(config, name)) for name in NAMES_CODE)
         print_command("next", f"{program(more)} {folder}{trust}")
 
-    def _described(self, name: str, share: float | None) -> str:
+    def describe(self, name: str, share: float | None) -> str:
         """Say how far training is, how fast, and how long it will still take."""
         config, progress = self._learner.config, self._progress
         if name != TRAINING or not progress.steps_per_second:
-            return described(name, share)
+            return super().describe(name, share)
         limits = (
             (progress.env_steps, config.max_env_steps, progress.steps_per_second),
             (progress.train_seconds, config.max_seconds, 1.0),
         )
         left = [(limit - value) / speed for value, limit, speed in limits if limit is not None]
-        until = f", {_duration(max(0.0, min(left)))} left" if left else ""
+        until = f", {timedelta(seconds=round(max(0.0, min(left))))} left" if left else ""
         return (
             f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)}/s, "
             f"hypervolume {progress.hypervolume:.3e}{until}"
@@ -147,8 +144,3 @@ def _count(number: float) -> str:
         if number >= size:
             return f"{number / size:.2f} {unit}"
     return f"{number:.0f}"
-
-
-def _duration(seconds: float) -> str:
-    minutes, seconds = divmod(round(seconds), 60)
-    return f"{minutes}:{seconds:02d}"
