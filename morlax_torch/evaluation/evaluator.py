@@ -146,19 +146,16 @@ class Evaluator:
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         noun = "trade-off" if self.number == 1 else "trade-offs"
+        # on a GPU, it would wait to know whether a further step counts
+        may_end = self.env.device.type == "cpu" and self.protocol != "paper"
         with one_thread(self.env.device):
             for step in range(0, self._horizon, self._stride):
                 phase(f"evaluating {self.number} {noun}", step / self._horizon)
                 self._steps()
-                if self._all_over():
+                if may_end and not self._alive.any():
                     break
         generator.set_state(state)
         return self._fronts()
-
-    def _all_over(self) -> bool:
-        """Return whether no further step counts; on a GPU, asking would wait for it."""
-        on_cpu = self.env.device.type == "cpu"
-        return on_cpu and self.protocol != "paper" and not self._alive.any()
 
     def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""

@@ -167,9 +167,7 @@ def index_of(name: str, objectives: Sequence[str], quantities: Sequence[str]) ->
         raise MorlaxError(f"{name!r} is ambiguous: write {' or '.join(map(repr, matches))}.")
     if matches:
         return names.index(matches[0])
-    if quantities:
-        raise unknown("objective or quantity", name, names)
-    raise MorlaxError(f"{unknown('objective', name, names)} No quantities are measured.")
+    raise unknown("objective or quantity" if quantities else "objective", name, names)
 
 
 def shown(tradeoff: Sequence[float] | np.ndarray) -> str:

@@ -67,24 +67,16 @@ def width(figure: Figure) -> str:
 
 def front_part(front: Front, figure: Figure) -> dict[str, Any]:
     """Return a front that a user can point at, and the table of its representative policies."""
-    heads = [*(f"weight of {name}" for name in front.objectives)]
+    heads = ["policy", *(f"weight of {name}" for name in front.objectives)]
     heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
-    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-    columns = [front.returns]
-    if front.quantities is not None:
-        columns = [*columns, front.quantities]
+    shares, values = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True), front.values
     if front.falls is not None:
-        heads, columns = [*heads, "fall rate"], [*columns, front.falls[:, None]]
+        heads, values = [*heads, "fall rate"], np.column_stack([values, front.falls])
     rows = [
-        [
-            name,
-            *(f"{share:.2f}" for share in shares[index]),
-            *(number(value) for column in columns for value in column[index]),
-        ]
+        [name, *(f"{share:.2f}" for share in shares[index]), *map(number, values[index])]
         for index, name in representatives(front).items()
     ]
-    drawing = chart(figure, front)
-    return {"drawing": drawing, "width": width(figure), "heads": ["policy", *heads], "rows": rows}
+    return {"drawing": chart(figure, front), "width": width(figure), "heads": heads, "rows": rows}
 
 
 def chart(figure: Figure, front: Front) -> str:
@@ -122,12 +114,11 @@ def descriptions(front: Front) -> list[str]:
         pairs = zip(names, values.tolist(), strict=True)
         return ", ".join(f"{name} {value:{form}}" for name, value in pairs)
 
-    texts = [
-        f"weights: {named(front.objectives, weights, '.2f')}"
-        f"; returns: {named(front.objectives, returns, ',.4g')}"
-        for weights, returns in zip(shares, front.returns, strict=True)
-    ]
-    if front.quantities is None:
-        return texts
-    measured = (named(front.quantity_names, row, ",.4g") for row in front.quantities)
-    return [f"{text}; {row}" for text, row in zip(texts, measured, strict=True)]
+    texts = []
+    for index, weights in enumerate(shares):
+        text = f"weights: {named(front.objectives, weights, '.2f')}"
+        text += f"; returns: {named(front.objectives, front.returns[index], ',.4g')}"
+        if front.quantities is not None:
+            text += f"; {named(front.quantity_names, front.quantities[index], ',.4g')}"
+        texts.append(text)
+    return texts

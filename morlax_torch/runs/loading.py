@@ -232,9 +232,7 @@ def check_bookmark(run: AnyPath, name: str) -> Path:
         )
     folder = own_folder(run)
     if folder is None:
-        raise MorlaxError(
-            f"shipped policies keep no bookmarks: copy it first, by pack {run} my-{run}."
-        )
+        raise MorlaxError(f"shipped policies keep no bookmarks: first pack {run} my-{run}.")
     return folder / BOOKMARKS
 
 
@@ -309,8 +307,7 @@ def start_from(run: str, learner: Learner) -> None:
     learner.group.share(agent)  # a run in training may have replaced its checkpoint meanwhile
 
 
-def _widened(weight: Tensor, columns: Tensor, m: int, contexts: int) -> Tensor:
-    """Return weights (hidden, m + d) of m trade-off inputs, of which `columns` have weights."""
+def _widened(weight: Tensor, columns: Tensor, m: int, contexts: int) -> Tensor:  # (hidden, m + d)
     weight, context = weight.tensor_split([len(columns)], 1)
     if not context.shape[1]:
         context = weight.new_zeros(len(weight), contexts)

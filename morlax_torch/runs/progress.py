@@ -97,10 +97,8 @@ class History(NamedTuple):
     def load(cls, path: AnyPath) -> Self:
         """Read a run's metrics.csv; each hypervolume is exact or approximate, as in its row."""
         rows = read_rows(path)
-        env_steps, train_seconds = (
-            np.array([float(row[name]) for row in rows]) for name in COUNTERS[1:]
-        )
-        return cls(env_steps, train_seconds, np.array([hypervolume_of(row) for row in rows]))
+        values = [[*(float(row[n]) for n in COUNTERS[1:]), hypervolume_of(row)] for row in rows]
+        return cls(*np.transpose(values))
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:

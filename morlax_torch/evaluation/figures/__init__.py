@@ -7,13 +7,13 @@ from .front import (
     designs_figure,
     front_figure,
     fronts_figure,
+    hypervolume_figure,
     parallel_figure,
     quantities_figure,
     returns_figure,
     shown_lines,
     spaces_figure,
 )
-from .hypervolume import hypervolume_figure
 from .style import STYLES, pixels, save
 
 __all__ = [
