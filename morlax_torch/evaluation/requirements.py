@@ -158,6 +158,18 @@ class Choice(NamedTuple):
         """(m + q,) returns, then quantities."""
         return np.array([*self.returns.values(), *self.quantities.values()])
 
+    def rows(self, spec: str) -> list[list[str]]:
+        """Return name, promised and simulated value, requirement and margin of each value used."""
+        rows = []
+        for index in self.required.used:
+            name, limits = self.required.names[index], self.required.limits
+            levels = [limit.shown(spec) for limit in limits if limit.index == index]
+            promised = f"{self.promised[name]:{spec}}" if name in self.promised else ""
+            margin = f"{self.margins[name]:+.4g}" if levels else ""
+            value = f"{self.values[index]:{spec}}"
+            rows.append([name, promised, value, " and ".join(levels), margin])
+        return rows
+
 
 def index_of(name: str, objectives: Sequence[str], quantities: Sequence[str]) -> int:
     """Return the index of a value (m + q,); a quantity may be named without its unit."""
@@ -167,7 +179,9 @@ def index_of(name: str, objectives: Sequence[str], quantities: Sequence[str]) ->
         raise MorlaxError(f"{name!r} is ambiguous: write {' or '.join(map(repr, matches))}.")
     if matches:
         return names.index(matches[0])
-    raise unknown("objective or quantity" if quantities else "objective", name, names)
+    if quantities:
+        raise unknown("objective or quantity", name, names)
+    raise MorlaxError(f"{unknown('objective', name, names)} No quantities are measured.")
 
 
 def shown(tradeoff: Sequence[float] | np.ndarray) -> str:

@@ -36,7 +36,7 @@ def card(
             for name, weight in zip(choice.returns, choice.tradeoff, strict=True)
         ],
         strip=strip and data_url("png", strip),
-        values=[_value(choice, index) for index in required.used],
+        values=choice.rows(",.4g"),
         cost=number(choice.cost),
         most=number(choice.values[required.maximized] + choice.cost),
         simulated=choice.simulated,
@@ -56,12 +56,3 @@ def card(
         origin=origin,
         commands=commands,
     )
-
-
-def _value(choice: Choice, index: int) -> list[str]:
-    """Return a row of the result: a value, what is required, promised and simulated, the margin."""
-    required, name = choice.required, choice.required.names[index]
-    limits = [limit.shown(",.4g") for limit in required.limits if limit.index == index]
-    promised = number(choice.promised[name]) if name in choice.promised else ""
-    margin = f"{choice.margins[name]:+.4g}" if limits else ""
-    return [name, " and ".join(limits), promised, number(choice.values[index]), margin]

@@ -10,8 +10,8 @@ from rich.table import Table
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError, resolve_device
+from ..evaluation.evaluator import usual_tradeoffs
 from ..evaluation.front import Front
-from ..evaluation.making import usual_tradeoffs
 from ..host.files import unused
 from ..host.phases import phase, within
 from ..networks.policy import Policy

@@ -12,8 +12,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from ..evaluation.figures.style import FILES, NON_DOMINATED
 from ..evaluation.front import Front, representatives
+from ..evaluation.style import FILES, NON_DOMINATED
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",

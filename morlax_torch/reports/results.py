@@ -11,8 +11,8 @@ from ..configuration.config import Config
 from ..configuration.files import write_yaml
 from ..envs.naming import title
 from ..evaluation import figures
-from ..evaluation.figures.style import of_objectives
 from ..evaluation.front import Front, hypervolume_in
+from ..evaluation.style import of_objectives
 from ..host.files import make_folder, write_file, write_rows
 from ..runs.hardware import Machine
 from ..runs.progress import History

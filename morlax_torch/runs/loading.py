@@ -159,10 +159,7 @@ def objectives_of(run: AnyPath) -> tuple[str, ...]:
 
 
 def trust_run(run: AnyPath, trust: bool = True, env: str | None = None) -> None:
-    """Allow runs to name the code that this run names, in this process, if `trust`.
-
-    `env`: FILE.py:CLASS of the run's task, where it is now.
-    """
+    """Trust the code of a run, if `trust`; `env` is its task: FILE.py:CLASS, where it is now."""
     if not trust and env is None:
         return
     path = find_checkpoint(run)

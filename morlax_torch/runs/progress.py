@@ -87,11 +87,11 @@ class Progress(BaseModel):
 
 
 class History(NamedTuple):
-    """Training curves with one value per evaluation, E in all."""
+    """Training curves with one value per evaluation, (E,)."""
 
-    env_steps: np.ndarray  # (E,)
-    train_seconds: np.ndarray  # (E,) wall-clock time of rollouts and updates only
-    hypervolume: np.ndarray  # (E,)
+    env_steps: np.ndarray
+    train_seconds: np.ndarray
+    hypervolume: np.ndarray
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:

@@ -108,10 +108,7 @@ class Run:
         return cls(folder)
 
     def config(self, trust: bool = False, env: str | None = None) -> Config:
-        """Return the config to resume the run with; `trust` and `env` are as of `load`.
-
-        It is that of the latest checkpoint, with the fields of MAY_CHANGE from config.yaml.
-        """
+        """Return the latest checkpoint's config, with the fields of MAY_CHANGE from config.yaml."""
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
         trust_run(path, trust, env)
         stored, values = checkpoint.read_config(checkpoint.load(path), path), read_yaml(file)
@@ -146,10 +143,7 @@ class Run:
         return None
 
     def restore(self, learner: Learner) -> Progress:
-        """Load the latest checkpoint into `learner` and drop later log entries.
-
-        All processes of the learner's group must call it.
-        """
+        """Load the latest checkpoint, in all processes of a group, and drop later log entries."""
         first, path = learner.group.rank == 0, self.checkpoints / "latest.pt"
         if first:
             self._acquire()
@@ -236,7 +230,6 @@ class Run:
             self._events.log_metrics(metrics, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
-        """Write an evaluation of a `task`: events and a row of metrics.csv."""
         with attempting(self._writing):
             self._events.log_evaluation(evaluation, task, len(self._rows))
         self._rows.append(evaluation.row())

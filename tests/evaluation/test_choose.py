@@ -15,8 +15,8 @@ from morlax_torch.__main__ import command as run_command
 from morlax_torch.commands.choose import command
 from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.tradeoffs import parse_tradeoff
+from morlax_torch.evaluation.evaluator import evaluation_worlds
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.evaluation.requirements import Requirements, index_of
 from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.reports.card import card

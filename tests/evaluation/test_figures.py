@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from morlax_torch import MorlaxError
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation import figures
-from morlax_torch.evaluation.figures.front import MOST_PAIRS, quartile_band
-from morlax_torch.evaluation.figures.style import colors_of, limits, of_objectives
+from morlax_torch.evaluation.figures import MOST_PAIRS, quartile_band
 from morlax_torch.evaluation.front import Front, representatives
+from morlax_torch.evaluation.style import colors_of, limits, of_objectives
 from morlax_torch.runs.progress import History
 
 NAMES = ("run", "energy", "height", "jump")

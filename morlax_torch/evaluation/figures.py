@@ -1,7 +1,9 @@
-"""Figures of fronts, of what their policies do, and of the hypervolume during training."""
+"""Figures of fronts, of what their policies do, and of the hypervolume during training.
+
+Each function returns a matplotlib figure. `save` writes it to files, `pixels` renders it.
+"""
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from string import ascii_uppercase
 from typing import Any
 
@@ -14,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from ..front import Front
-from ..pareto import conflicts, most_conflicting_pair
+from .front import Front
+from .pareto import conflicting_pairs
 from .style import (
     INK,
     LEGEND_LETTER,
@@ -40,6 +42,9 @@ from .style import (
     tint,
     weight,
 )
+from .style import STYLES as STYLES
+from .style import pixels as pixels
+from .style import save as save
 
 MARKS = 25  # markers per line; they tell lines apart in grayscale
 MOST_PAIRS = 6  # projections in a figure
@@ -59,17 +64,14 @@ def front_figure(
     """Plot the returns of every trade-off, colored by trade-off; dominated returns are gray.
 
     Two objectives give one plot. Three give the front in 3D and its three projections; more give
-    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most.
-
-    Args:
-        front: the front.
-        title: title of the figure.
-        width: width of the figure in inches (None: as wide as its plots need on a screen).
-        labels: policies to mark with letters that the legend explains, by index.
+    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most. `labels`
+    mark policies, by index, with letters that the legend explains. `width` is in inches (None: as
+    wide as the plots need on a screen).
     """
     names, m, labels = front.objectives, len(front.objectives), labels or {}
     size = SIZE if width is None else PRINTED_SIZE
-    pairs, all_pairs = most_conflicting(front), m * (m - 1) // 2
+    pairs = conflicting_pairs(front.returns[front.non_dominated], MOST_PAIRS)
+    all_pairs = m * (m - 1) // 2
     if len(pairs) < all_pairs:
         title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
     if m == 3 and width is None:  # a plot in 3D is hard to read in print
@@ -94,17 +96,9 @@ def front_figure(
     return figure
 
 
-def most_conflicting(front: Front) -> list[tuple[int, int]]:
-    """Return the pairs of objectives that conflict most, at most MOST_PAIRS, in their order."""
-    pairs = list(combinations(range(len(front.objectives)), 2))
-    conflict = conflicts(front.returns[front.non_dominated])
-    ranked = sorted(pairs, key=lambda pair: -conflict[pair])
-    return sorted(ranked[:MOST_PAIRS])
-
-
 def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes, tuple[int, int]]:
     """Plot the pair of objectives that conflicts most, in inches; returns its indices too."""
-    x, y = most_conflicting_pair(front.returns[front.non_dominated])
+    ((x, y),) = conflicting_pairs(front.returns[front.non_dominated])
     figure = blank(width, height, "")
     axes = figure.add_subplot()
     _pair(axes, front, x, y, SIZE, {})
@@ -184,7 +178,7 @@ def fronts_figure(
     """
     first = next(iter(fronts.values()))
     joined = len(first.objectives) == 2
-    pairs = most_conflicting(first)
+    pairs = conflicting_pairs(first.returns[first.non_dominated], MOST_PAIRS)
     plot, entries = (4.2, 3.9), len(fronts)
     figure, plots = panels(len(pairs), COLUMNS, plot, title, width=width, entries=entries)
     shown = np.concatenate([each.returns[each.non_dominated] for each in fronts.values()])
@@ -247,7 +241,7 @@ def designs_figure(
     `designs` are (n, d), and `parameters` have units, such as "thigh (m)". Axes are the two
     objectives that conflict most.
     """
-    pair = most_conflicting_pair(returns)
+    (pair,) = conflicting_pairs(returns)
     x, y = returns[:, pair].T
     line = usual[usual[:, pair[0]].argsort()][:, pair]
     across, up = (returned(objectives[k]) for k in pair)
