@@ -283,23 +283,21 @@ def returns_figure(front: Front, title: str = "") -> Figure:
     map of the simplex, whose corners put all weight on one objective. With more, each is plotted
     against its own weight.
     """
-    draw = {2: _curves, 3: _maps}.get(len(front.objectives), _own_weights)
-    return draw(front, title)
-
-
-def _curves(front: Front, title: str) -> Figure:
-    figure = blank(5.4, 5.2, title)
-    order = front.tradeoffs[:, 0].argsort()
-    panels = figure.subplots(2, 1, sharex=True)
-    for k, (axes, name) in enumerate(zip(panels, front.objectives, strict=True)):
-        x, y = front.tradeoffs[order, 0], front.returns[order, k]
-        best = front.non_dominated[order]
-        axes.plot(x, y, color="0.6", lw=0.8)
-        points(axes, x, y, best, 10, of_objectives(2)[k])
-        axes.set_ylabel(returned(name))
+    m, names = len(front.objectives), front.objectives
+    if m == 3:
+        return _maps(front, title)
+    colors, best, order = of_objectives(m), front.non_dominated, front.tradeoffs[:, 0].argsort()
+    columns, size = (1, (5.4, 2.6)) if m == 2 else (3, (3.4, 3.5))
+    figure, plots = panels(m, columns, size, title)
+    for k, axes in enumerate(plots):
+        across = 0 if m == 2 else k
+        x, y = front.tradeoffs[:, across], front.returns[:, k]
+        if m == 2:
+            axes.plot(x[order], y[order], color="0.6", lw=0.8)
+        points(axes, x, y, best, 10, colors[k])
+        axes.set(xlabel=weight(names[across]), ylabel=returned(names[k]), ylim=limits(y[best]))
         lattice(axes)
-        tint(axes, of_objectives(2)[0], of_objectives(2)[k])
-    panels[1].set_xlabel(weight(front.objectives[0]))
+        tint(axes, colors[across], colors[k])
     legend_outside(figure)
     return figure
 
@@ -325,20 +323,6 @@ def _maps(front: Front, title: str) -> Figure:
         axes.set_axis_off()
         style: Any = {"location": "bottom", "shrink": 0.7, "ticks": Apart(), "format": short}
         figure.colorbar(colors, ax=axes, label=returned(names[k]), **style)
-    return figure
-
-
-def _own_weights(front: Front, title: str) -> Figure:
-    m = len(front.objectives)
-    colors, best = of_objectives(m), front.non_dominated
-    figure, plots = panels(m, 3, (3.4, 3.5), title)
-    for k, (axes, name) in enumerate(zip(plots, front.objectives, strict=True)):
-        x, y = front.tradeoffs[:, k], front.returns[:, k]
-        points(axes, x, y, best, 10, colors[k])
-        axes.set(xlabel=f"weight of {name}", ylabel=returned(name), ylim=limits(y[best]))
-        lattice(axes)
-        tint(axes, colors[k], colors[k])
-    legend_outside(figure)
     return figure
 
 

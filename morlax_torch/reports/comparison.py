@@ -61,7 +61,6 @@ def names(runs: Sequence[AnyPath]) -> list[str]:
 
 
 def history_of(run: AnyPath) -> History | None:
-    """Return the training curve of a run, if it has one."""
     curve = find_run(run) / "metrics.csv"
     return History.load(curve) if curve.is_file() else None
 

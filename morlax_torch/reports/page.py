@@ -1,8 +1,9 @@
-"""Parts of HTML reports, each one self-contained file from a template of this folder."""
+"""HTML reports and their parts; each is one self-contained file from a template of this folder."""
 
 import base64
 import io
 import re
+from collections.abc import Mapping, Sequence
 from functools import cache
 from html import escape
 from typing import Any
@@ -13,7 +14,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ..evaluation.front import Front, representatives
+from ..evaluation.requirements import Choice
 from ..evaluation.style import FILES, NON_DOMINATED
+from ..runs.choosing import CONDITIONS, Trial
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",
@@ -122,3 +125,54 @@ def descriptions(front: Front) -> list[str]:
             text += f"; {named(front.quantity_names, front.quantities[index], ',.4g')}"
         texts.append(text)
     return texts
+
+
+def card(
+    task: str,
+    choice: Choice,
+    trials: Mapping[str, Trial],
+    origin: Mapping[str, str],
+    commands: Sequence[str],
+    strip: bytes | None = None,
+) -> str:
+    """Return the decision card: why a trade-off was chosen, and what its policy does.
+
+    `trials` are the choice under other conditions, and `origin` texts such as the checkpoint, both
+    by name. `commands` are command lines that use the choice, `strip` is a film strip as PNG.
+    """
+    required, names = choice.required, choice.required.names
+    # a fall breaks every requirement
+    kept = {
+        name: trial.falls == 0 and bool(required.kept(trial.values[None])[0])
+        for name, trial in trials.items()
+    }
+    return rendered(
+        "card.html",
+        task=task,
+        limits=[(limit.sign, number(limit.level), names[limit.index]) for limit in required.limits],
+        maximized=names[required.maximized],
+        weights=[
+            f"{name} {weight:.1%}"
+            for name, weight in zip(choice.returns, choice.tradeoff, strict=True)
+        ],
+        strip=strip and data_url("png", strip),
+        values=choice.rows(",.4g"),
+        cost=number(choice.cost),
+        most=number(choice.values[required.maximized] + choice.cost),
+        simulated=choice.simulated,
+        conditions=["condition", *(names[i] for i in required.used), "falls", "keeps all"],
+        trials=[
+            [
+                name,
+                *map(number, trial.values[required.used]),
+                f"{trial.falls:.0%}",
+                "yes" if kept[name] else "no",
+            ]
+            for name, trial in trials.items()
+        ],
+        episodes=max(trial.episodes for trial in trials.values()),
+        left_out=[name for name in CONDITIONS if name not in trials],
+        missed=[name for name in trials if not kept[name]],
+        origin=origin,
+        commands=commands,
+    )

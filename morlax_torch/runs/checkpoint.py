@@ -126,7 +126,6 @@ def write(path: AnyPath, contents: dict[str, Any], progress: Progress | None = N
 
 
 def load(path: Path) -> Contents:
-    """Read a file that `write` wrote, to the CPU."""
     data = io.BytesIO(read(path, "checkpoint"))
     try:
         _check_sums(data)
@@ -185,7 +184,6 @@ def read_config(contents: Contents, path: Path) -> Config:
 
 
 def folder_of(path: Path) -> Path:
-    """Return the folder of the run of a checkpoint file."""
     return path.parent.parent if path.parent.name == "checkpoints" else path.parent
 
 

@@ -286,15 +286,15 @@ def start_from(run: str, learner: Learner) -> None:
             f"start_from needs hypernetworks, which {path} or algorithm "
             f"{learner.config.algorithm} lacks."
         )
-    columns = torch.tensor([objectives.index(name) for name in before])
+    columns = [objectives.index(name) for name in before]
     state[FIRST_LAYER] = _widened(state[FIRST_LAYER], columns, len(objectives), len(agent.context))
     target = agent.state_dict()
     fits = {n for n, value in target.items() if n in state and state[n].shape == value.shape}
     names = [name for name in target if name.startswith(POLICY)]
-    if misfits := [name for name in names if name not in fits]:
+    if not fits.issuperset(names):
         raise MorlaxError(
-            f"the networks in {path} have other sizes than this run's ({misfits[0]}): give both "
-            "the same network section and the same task."
+            f"the networks in {path} have other sizes than this run's: give both the same network "
+            "section and the same task."
         )
     critic = [name for name in target if name.startswith(CRITIC)]
     if tuple(before) == tuple(objectives) and fits.issuperset(critic):
@@ -304,7 +304,7 @@ def start_from(run: str, learner: Learner) -> None:
     learner.group.share(agent)  # a run in training may have replaced its checkpoint meanwhile
 
 
-def _widened(weight: Tensor, columns: Tensor, m: int, contexts: int) -> Tensor:  # (hidden, m + d)
+def _widened(weight: Tensor, columns: list[int], m: int, contexts: int) -> Tensor:
     weight, context = weight.tensor_split([len(columns)], 1)
     if not context.shape[1]:
         context = weight.new_zeros(len(weight), contexts)
@@ -312,4 +312,4 @@ def _widened(weight: Tensor, columns: Tensor, m: int, contexts: int) -> Tensor: 
     # the even trade-off of the objectives before
     wide = weight.mean(1, keepdim=True).repeat(1, m)
     wide[:, columns] = weight
-    return torch.cat([wide, context], 1)
+    return torch.cat([wide, context], 1)  # (hidden, m + d)

@@ -46,7 +46,6 @@ class Evaluation(NamedTuple):
         return self.measured[hypervolume_in(self.measured)]
 
     def row(self) -> dict[str, Any]:
-        """Return the row of metrics.csv."""
         return {
             "iteration": self.iteration,
             "env_steps": self.env_steps,

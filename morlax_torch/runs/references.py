@@ -51,7 +51,6 @@ def name_task(folder: Path, task: str, env: str) -> None:
 
 
 def named_task(folder: Path) -> str | None:
-    """Return the task of the run in `folder`, if the user has named it."""
     return _NAMED.get(folder.resolve())
 
 

@@ -60,12 +60,12 @@ def test_a_front_has_a_plot_for_each_pair_of_objectives(m):
 
 def test_returns_are_plotted_over_weights():
     first, second = labels(figures.returns_figure(front(2)))
-    assert first[1] == "run (return)"
+    assert first == ("trade-off: weight of run", "run (return)")
     assert second == ("trade-off: weight of run", "energy (return)")
     maps = figures.returns_figure(front(3))  # of the simplex
     assert {"run only", "energy only", "height only"} <= drawn(maps)
     assert {x for x, *_ in labels(maps)} >= {f"{name} (return)" for name in NAMES[:3]}
-    expected = [(f"weight of {name}", f"{name} (return)") for name in NAMES]
+    expected = [(f"trade-off: weight of {name}", f"{name} (return)") for name in NAMES]
     assert labels(figures.returns_figure(front(4))) == expected
 
 
