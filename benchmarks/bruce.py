@@ -24,8 +24,8 @@ from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs import resolve_device
 from morlax_torch.envs.robots.bruce.reference import Library
 from morlax_torch.evaluation import figures
-from morlax_torch.evaluation.figures.style import RUNS, blank
 from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.style import RUNS, blank
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import load
 

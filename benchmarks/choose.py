@@ -29,9 +29,8 @@ import tyro
 
 from morlax_torch import MorlaxError, Policy, envs, load
 from morlax_torch.commands.terminal.cli import console
-from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.evaluation.evaluator import Evaluator, evaluation_worlds
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.evaluating import evaluate
 from morlax_torch.runs.loading import load_front

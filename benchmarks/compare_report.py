@@ -20,9 +20,8 @@ from compare_statistics import (
 from matplotlib.figure import Figure
 
 from morlax_torch.envs.naming import title
-from morlax_torch.evaluation.figures import save
-from morlax_torch.evaluation.figures.hypervolume import SCALES
-from morlax_torch.evaluation.figures.style import blank, distinct, lattice, legend_outside
+from morlax_torch.evaluation.figures import SCALES, save
+from morlax_torch.evaluation.style import blank, distinct, lattice, legend_outside
 from morlax_torch.host.files import read, write_file
 from morlax_torch.reports.page import words
 

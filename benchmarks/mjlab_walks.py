@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morlax_torch.configuration.config import Config
+from morlax_torch.evaluation.evaluator import make_evaluator
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.making import make_evaluator
 
 ERROR, SHARE, POWER = 0, 2, 3  # in the order of QUANTITIES in mjlab/worlds.py
 WALKS = 0.7  # share of the commanded speed that counts as walking

@@ -96,13 +96,8 @@ def _show(choice: "Choice") -> None:
     kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
     for column in ("value", *kinds, "required", "margin"):
         table.add_column(column, justify="left" if column == "value" else "right")
-    for index in required.used:
-        name = required.names[index]
-        promised = f"{choice.promised[name]:.5g}" if name in choice.promised else ""
-        values = [promised, f"{choice.values[index]:.5g}"][-len(kinds) :]
-        limits = [limit.shown() for limit in required.limits if limit.index == index]
-        margin = f"{choice.margins[name]:+.4g}" if limits else ""
-        table.add_row(name, *values, " and ".join(limits), margin)
+    for name, promised, *cells in choice.rows(".5g"):
+        table.add_row(name, *([promised] if choice.simulated else []), *cells)
     cli.console.print(table)
     if required.limits:
         best = choice.values[required.maximized] + choice.cost

@@ -4,9 +4,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..configuration.config import Config
 from ..configuration.sections import Protocol
-from ..envs import MorlaxError, Worlds
+from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
+from ..envs import Environment, MorlaxError, Worlds
 from ..envs.devices import EVALUATION_SEEDS
+from ..envs.worlds.design_space import DesignSpace, compile_bank
 from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
 from ..host.phases import phase
@@ -16,6 +19,8 @@ from .front import Front
 
 DISCOUNT, HORIZON, REFERENCE = 0.99, 500, -100.0  # of the protocol "discounted"
 SETS = 2  # of episodes where a task is random: one is reported, one chooses checkpoints
+HELD_OUT = 2**62  # seed of the designs to evaluate with, which no training has
+DRAWN_TRADEOFFS = 1024  # of the paper's tables, and of D3PO's
 STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
 
 
@@ -29,8 +34,7 @@ class Evaluator:
 
     Every evaluation repeats the same random draws, so that an unchanged policy gets an unchanged
     front: bit for bit on the CPU, on CUDA up to the order of floating-point sums. The k-th episode
-    of every trade-off has the same draws. (Worlds of other libraries than Gymnasium draw for all
-    worlds at once, so there they are not.)
+    of every trade-off has the same draws, except where a library draws for all worlds at once.
 
     `latched`, the default protocol: a return is the sum of rewards up to and including the first
     step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an
@@ -40,15 +44,12 @@ class Evaluator:
     to and including the step that ends the episode, of 500 steps at most, and the reference point
     is -100 in every objective.
 
+    The agent is read anew at each evaluation. There are K * seeds * sets worlds without automatic
+    reset, in all processes of the group, which all get all results.
+
     Args:
-        agent: the policies, read anew at each evaluation.
-        env: K * seeds * sets worlds without automatic reset, or this process's share of them.
         tradeoffs: (K, m), or conditions (K, m + d) if bodies differ, which the worlds have already.
-        protocol: how returns are counted.
-        seed: selects draws that training never sees.
         seeds: episodes per trade-off and set, to average over.
-        sets: how many sets of so many episodes there are.
-        group: processes that evaluate their `share` of the trade-offs, and get all results.
         alone: generate the networks of each trade-off on their own, as `Policy` does. Together is
             faster, but rounds differently, and robots amplify that.
     """
@@ -107,8 +108,7 @@ class Evaluator:
             self._steps.record()
 
     @property
-    def number(self) -> int:
-        """K"""
+    def number(self) -> int:  # K
         return len(self._points) // self._seeds
 
     @property
@@ -123,7 +123,7 @@ class Evaluator:
         self.tradeoffs.copy_(share(tradeoffs, self._seeds * self._sets, self._group))
 
     def evaluate(self) -> Front:
-        """Return the front of the first set of episodes, see `evaluate_sets`."""
+        """Return the front of the first set of episodes."""
         return self.evaluate_sets()[0]
 
     @torch.no_grad()
@@ -146,19 +146,16 @@ class Evaluator:
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         noun = "trade-off" if self.number == 1 else "trade-offs"
+        # on a GPU, it would wait to know whether a further step counts
+        may_end = self.env.device.type == "cpu" and self.protocol != "paper"
         with one_thread(self.env.device):
             for step in range(0, self._horizon, self._stride):
                 phase(f"evaluating {self.number} {noun}", step / self._horizon)
                 self._steps()
-                if self._all_over():
+                if may_end and not self._alive.any():
                     break
         generator.set_state(state)
         return self._fronts()
-
-    def _all_over(self) -> bool:
-        """Return whether no further step counts; on a GPU, asking would wait for it."""
-        on_cpu = self.env.device.type == "cpu"
-        return on_cpu and self.protocol != "paper" and not self._alive.any()
 
     def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
@@ -220,3 +217,81 @@ class Evaluator:
             self._alive &= ~over
             self.env.move_only(self._alive)
         self._observation.copy_(step.observation)
+
+
+def usual_tradeoffs(config: Config, protocol: Protocol) -> int:
+    """Return the config's number of trade-offs, or that of published tables by their protocols."""
+    of_config = protocol in ("latched", config.evaluation.protocol)
+    return config.evaluation.tradeoffs if of_config else DRAWN_TRADEOFFS
+
+
+def make_evaluator(
+    agent: Agent,
+    config: Config,
+    num_objectives: int,
+    protocol: Protocol | None = None,
+    tradeoffs: int | None = None,
+    seeds: int | None = None,
+    seed: int = 0,
+    sets: int = 1,
+    group: Group = ALONE,
+    bodies: int = 1,
+) -> Evaluator:
+    """Make the evaluator of an agent, with the same worlds for every training seed.
+
+    With several `bodies`, that of the agent's context comes first, and fronts hold all trade-offs
+    of one body after the other. What is None comes from the config.
+    """
+    protocol = config.evaluation.protocol if protocol is None else protocol
+    config.check_protocol(protocol)
+    tradeoffs = usual_tradeoffs(config, protocol) if tradeoffs is None else tradeoffs
+    seeds = config.evaluation.seeds if seeds is None else seeds
+    points = evaluation_tradeoffs(tradeoffs, num_objectives)  # refuses too few
+    if protocol != "latched":
+        points = dirichlet_tradeoffs(tradeoffs, num_objectives)
+    env = evaluation_worlds(config, tradeoffs * bodies, seeds, seed, sets, group)
+    if bodies > 1:
+        assert isinstance(env, Environment)
+        points = points.repeat(bodies, 1)
+        rows = torch.arange(bodies).repeat_interleave(tradeoffs)
+        designs = held_out(env, bodies)
+        if not embody(env, designs, share(rows[:, None], seeds * sets, group)[:, 0]).all():
+            raise MorlaxError(f"not all of {bodies} designs to evaluate with make a body.")
+        contexts = torch.from_numpy(DesignSpace(env.designs).scaled(designs)).float()
+        points = torch.cat([points, contexts[rows]], -1)
+    return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)
+
+
+def held_out(env: Environment, number: int) -> np.ndarray:
+    """Return designs (number, d): first the one of the worlds, then others, spread evenly."""
+    space = DesignSpace(env.designs)
+    return np.vstack([space.vector(env.options.design), space.spread(number - 1, HELD_OUT)])
+
+
+def embody(env: Environment, designs: np.ndarray, rows: Tensor) -> np.ndarray:
+    """Give the worlds the bodies of designs (D, d) by row (N,), in new episodes.
+
+    Returns which designs make a body, (D,) bool. Worlds of another one get any body.
+    """
+    bank = compile_bank(env, designs)
+    env.adopt(bank)
+    places = torch.from_numpy((bank.kept.cumsum() - 1).clip(min=0)).to(env.device)  # in the bank
+    everywhere = torch.ones_like(env.age, dtype=torch.bool)
+    env.embody(places[rows.to(env.device)], everywhere)
+    return bank.kept
+
+
+def evaluation_worlds(
+    config: Config, tradeoffs: int, seeds: int, seed: int = 0, sets: int = 1, group: Group = ALONE
+) -> Worlds:
+    """Make this process's share of an evaluator's worlds, one per episode; see `make_evaluator`."""
+    if not 0 <= seed < 2**63:
+        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
+    if seeds < 1:
+        raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
+    try:
+        config.task.check_seeds(seeds)
+    except ValueError as error:
+        raise MorlaxError(f"{error}: leave out --seeds.") from None
+    number = len(range(group.rank, tradeoffs * seeds * sets, group.size))
+    return config.make_worlds(number, EVALUATION_SEEDS + seed, evaluating=True)

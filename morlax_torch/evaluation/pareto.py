@@ -1,5 +1,7 @@
 """Pareto indicators, computed by moocore. Every objective is maximized; points are (n, m)."""
 
+from itertools import combinations
+
 import moocore
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -135,8 +137,8 @@ def conflicts(points: ArrayLike) -> NDArray[np.float64]:
     return -(below / scale).T @ (below / scale)
 
 
-def most_conflicting_pair(points: ArrayLike) -> tuple[int, int]:
-    """Return the indices of the two objectives that conflict most over some points (n, m)."""
-    conflict = np.triu(conflicts(points) + 2, 1)
-    first, second = np.unravel_index(conflict.argmax(), conflict.shape)
-    return int(first), int(second)
+def conflicting_pairs(points: ArrayLike, most: int = 1) -> list[tuple[int, int]]:
+    """Return the pairs of objectives that conflict most over some points (n, m), in their order."""
+    conflict = conflicts(points)
+    pairs = combinations(range(len(conflict)), 2)
+    return sorted(sorted(pairs, key=lambda pair: -conflict[pair])[:most])

@@ -81,9 +81,7 @@ class Requirements(NamedTuple):
 
     def relevant(self, values: np.ndarray) -> np.ndarray:
         """Return values (n, m + q) with zeros in place of ignored ones."""
-        zeros = np.zeros(values.shape)
-        zeros[:, self.used] = values[:, self.used]
-        return zeros
+        return np.where(np.isin(np.arange(values.shape[1]), self.used), values, 0.0)
 
     def finite(self, values: np.ndarray) -> np.ndarray:
         """Return (n,) whether all but the ignored of values (n, m + q) are finite."""
@@ -107,11 +105,11 @@ class Requirements(NamedTuple):
 
     def margins(self, values: np.ndarray) -> dict[str, float]:
         """Return by how much values (m + q,) keep the nearest bound, by the value's name."""
-        margins: dict[str, float] = {}
-        for limit, distance in zip(self.limits, self.excess(values).tolist(), strict=True):
-            name = self.names[limit.index]
-            margins[name] = min(distance, margins.get(name, distance))
-        return margins
+        excess = self.excess(values)
+        return {
+            self.names[index]: float(excess[np.equal(self.limited, index)].min())
+            for index in dict.fromkeys(self.limited)
+        }
 
     def kept(self, values: np.ndarray) -> np.ndarray:
         """Return (n,) whether values (n, m + q) keep every requirement, margins included."""
@@ -157,6 +155,18 @@ class Choice(NamedTuple):
     def values(self) -> np.ndarray:
         """(m + q,) returns, then quantities."""
         return np.array([*self.returns.values(), *self.quantities.values()])
+
+    def rows(self, spec: str) -> list[list[str]]:
+        """Return name, promised and simulated value, requirement and margin of each value used."""
+        rows = []
+        for index in self.required.used:
+            name, limits = self.required.names[index], self.required.limits
+            levels = [limit.shown(spec) for limit in limits if limit.index == index]
+            promised = f"{self.promised[name]:{spec}}" if name in self.promised else ""
+            margin = f"{self.margins[name]:+.4g}" if levels else ""
+            value = f"{self.values[index]:{spec}}"
+            rows.append([name, promised, value, " and ".join(levels), margin])
+        return rows
 
 
 def index_of(name: str, objectives: Sequence[str], quantities: Sequence[str]) -> int:

@@ -59,13 +59,11 @@ def replacing(path: AnyPath) -> Iterator[IO[bytes]]:
 
 
 def write_file(path: AnyPath, content: str | bytes | memoryview) -> None:
-    """Write a whole file atomically."""
     with replacing(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
 
 
 def write_rows(path: AnyPath, rows: Iterable[Iterable]) -> None:
-    """Write a CSV file atomically."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     write_file(path, text.getvalue())
@@ -95,7 +93,6 @@ def making(folder: Path) -> Iterator[Path]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents if they do not exist, or raise MorlaxError."""
     with attempting(f"make {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
 
@@ -121,7 +118,6 @@ def remove_drafts(folder: Path, prefix: str = "") -> None:
 
 
 def runs(process: int) -> bool:
-    """Return whether a process of this machine runs."""
     try:
         os.kill(process, 0)  # sends no signal, only asks
     except OSError as error:

@@ -1,6 +1,7 @@
 """Compare evaluated runs: short names, comparability, quartiles."""
 
 from collections.abc import Mapping, Sequence
+from operator import ne
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,7 +61,6 @@ def names(runs: Sequence[AnyPath]) -> list[str]:
 
 
 def history_of(run: AnyPath) -> History | None:
-    """Return the training curve of a run, if it has one."""
     curve = find_run(run) / "metrics.csv"
     return History.load(curve) if curve.is_file() else None
 
@@ -72,19 +72,12 @@ def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None =
     """
     (first, one), *others = policies.items()
     for name, other in others:
-        if movable(one.config.env) != movable(other.config.env):
-            raise MorlaxError(
-                f"{first} is a run of {one.config.env!r} and {name} of {other.config.env!r}: "
-                "compare runs of one task only."
-            )
-        if one.objectives != other.objectives:
-            raise MorlaxError(
-                f"{first} has the objectives {', '.join(one.objectives)} and {name} has "
-                f"{', '.join(other.objectives)}: compare runs with the same objectives only."
-            )
         mine, theirs = (_options(policy, protocol) for policy in (one, other))
         for option in mine:
-            if not _same(option, mine[option], theirs[option]):
+            values = mine[option], theirs[option]
+            if option == "task.learned" and all(values):  # every run has a file of its own
+                values = (read(value, "learned reward") for value in values)
+            if ne(*values):
                 raise MorlaxError(
                     f"{first} and {name} differ in {option} ({mine[option]} and "
                     f"{theirs[option]}), so their returns cannot be compared: evaluate them "
@@ -94,15 +87,15 @@ def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None =
 
 
 def _options(policy: Policy, protocol: Protocol | None) -> dict[str, Any]:
-    task = policy.config.task.for_evaluation().model_dump(exclude=BUFFERS)
-    counted = {"evaluation.protocol": protocol or policy.config.evaluation.protocol}
-    return {**{f"task.{name}": value for name, value in task.items()}, **counted}
-
-
-def _same(option: str, mine: Any, theirs: Any) -> bool:
-    if option == "task.learned" and mine and theirs:  # every run has a file of its own
-        return read(mine, "learned reward") == read(theirs, "learned reward")
-    return mine == theirs
+    """Return what must be equal, the most telling first."""
+    config = policy.config
+    task = config.task.for_evaluation().model_dump(exclude=BUFFERS)
+    return {
+        "their task": movable(config.env),
+        "their objectives": ", ".join(policy.objectives),
+        **{f"task.{name}": value for name, value in task.items()},
+        "evaluation.protocol": protocol or config.evaluation.protocol,
+    }
 
 
 def union(fronts: Sequence[Front]) -> np.ndarray:

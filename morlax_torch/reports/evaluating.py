@@ -10,8 +10,8 @@ from rich.table import Table
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError, resolve_device
+from ..evaluation.evaluator import usual_tradeoffs
 from ..evaluation.front import Front
-from ..evaluation.making import usual_tradeoffs
 from ..host.files import unused
 from ..host.phases import phase, within
 from ..networks.policy import Policy
@@ -21,8 +21,8 @@ from ..runs.hardware import read_machines
 from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
 from . import comparison
 from .comparison import Evaluated
-from .page import number, words
-from .results import write
+from .page import words
+from .results import indicator_rows, write
 
 PROTOCOLS: dict[Protocol, str] = {
     "latched": "a return ends with the first failed step",
@@ -51,11 +51,8 @@ def evaluate_runs(
 ) -> tuple[dict[str, Evaluated], Path]:
     """Evaluate runs, and write fronts, figures, indicators and a report to the returned folder.
 
-    Args:
-        runs: run folders, checkpoint files, or shipped policies.
-        typed: the command, for the report; see `evaluate --help` for the other arguments.
-        portrait: draws the robot of a policy as a PNG; None: it cannot be drawn.
-        show: called with the evaluations by name before anything is written.
+    `typed` is the command line, `portrait` draws a robot as PNG, and `show` gets the evaluations by
+    name before anything is written. See `evaluate --help` for the other arguments.
     """
     for run in runs:
         trust_run(run, trust, env)
@@ -135,15 +132,10 @@ def reference_front(
         comparison.check_comparable({**policies, source: other}, protocol)
         front = evaluated(other)
     objectives = next(iter(policies.values())).objectives
-    if front.objectives != objectives:
+    if (front.objectives, front.protocol) != (objectives, protocol):
         raise MorlaxError(
-            f"the reference {source} has the objectives {', '.join(front.objectives)}, but the "
-            f"runs have {', '.join(objectives)}."
-        )
-    if front.protocol != protocol:
-        raise MorlaxError(
-            f"the reference {source} counts returns by the protocol {front.protocol}, but the runs "
-            f"are evaluated by {protocol}."
+            f"the reference {source} has the objectives {', '.join(front.objectives)} by the "
+            f"protocol {front.protocol}, but the runs have {', '.join(objectives)} by {protocol}."
         )
     if not front.non_dominated.any():
         raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
@@ -158,18 +150,16 @@ def column_heads(names: Sequence[str]) -> list[str]:
 
 def table(evaluations: Mapping[str, Evaluated]) -> Table:
     """Return the indicators as a table for the terminal: of a few runs, or of all together."""
-    measured = [run.measures for run in evaluations.values()]
-    shown = measured if len(measured) <= MOST_COLUMNS else []
-    quartiles = comparison.quartiles(measured) if len(measured) > 1 else {}
-    heads = column_heads(list(evaluations)) if shown else []
-    heads += [f"median of {len(measured)}"] * bool(quartiles) + ["quartiles"] * (not shown)
+    number = len(evaluations)
+    heads = [f"median of {number}"] * (number > 1)
+    if number <= MOST_COLUMNS:
+        heads, columns = [*column_heads(list(evaluations)), *heads], slice(number + len(heads))
+    else:
+        heads, columns = [*heads, "quartiles"], slice(-2, None)
     table = Table(box=box.SIMPLE_HEAD)
-    for head in ["indicator", *heads]:
-        table.add_column(head, justify="left" if head == "indicator" else "right", no_wrap=True)
-    for name in measured[0]:
-        cells = [number(values[name]) for values in shown]
-        if quartiles:
-            low, median, high = quartiles[name]
-            cells += [number(median), f"{number(low)} - {number(high)}"][: 1 if shown else 2]
-        table.add_row(words(name), *cells)
+    table.add_column("indicator", no_wrap=True)
+    for head in heads:
+        table.add_column(head, justify="right", no_wrap=True)
+    for name, *cells in indicator_rows(list(evaluations.values())):
+        table.add_row(words(name), *cells[columns])
     return table

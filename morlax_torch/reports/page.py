@@ -1,8 +1,9 @@
-"""Parts of HTML reports, each one self-contained file from a template of this folder."""
+"""HTML reports and their parts; each is one self-contained file from a template of this folder."""
 
 import base64
 import io
 import re
+from collections.abc import Mapping, Sequence
 from functools import cache
 from html import escape
 from typing import Any
@@ -12,8 +13,10 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from ..evaluation.figures.style import FILES, NON_DOMINATED
 from ..evaluation.front import Front, representatives
+from ..evaluation.requirements import Choice
+from ..evaluation.style import FILES, NON_DOMINATED
+from ..runs.choosing import CONDITIONS, Trial
 
 MEANINGS = {
     "hypervolume": "volume between the reference point and the front; higher is better",
@@ -67,24 +70,16 @@ def width(figure: Figure) -> str:
 
 def front_part(front: Front, figure: Figure) -> dict[str, Any]:
     """Return a front that a user can point at, and the table of its representative policies."""
-    heads = [*(f"weight of {name}" for name in front.objectives)]
+    heads = ["policy", *(f"weight of {name}" for name in front.objectives)]
     heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
-    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-    columns = [front.returns]
-    if front.quantities is not None:
-        columns = [*columns, front.quantities]
+    shares, values = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True), front.values
     if front.falls is not None:
-        heads, columns = [*heads, "fall rate"], [*columns, front.falls[:, None]]
+        heads, values = [*heads, "fall rate"], np.column_stack([values, front.falls])
     rows = [
-        [
-            name,
-            *(f"{share:.2f}" for share in shares[index]),
-            *(number(value) for column in columns for value in column[index]),
-        ]
+        [name, *(f"{share:.2f}" for share in shares[index]), *map(number, values[index])]
         for index, name in representatives(front).items()
     ]
-    drawing = chart(figure, front)
-    return {"drawing": drawing, "width": width(figure), "heads": ["policy", *heads], "rows": rows}
+    return {"drawing": chart(figure, front), "width": width(figure), "heads": heads, "rows": rows}
 
 
 def chart(figure: Figure, front: Front) -> str:
@@ -122,12 +117,62 @@ def descriptions(front: Front) -> list[str]:
         pairs = zip(names, values.tolist(), strict=True)
         return ", ".join(f"{name} {value:{form}}" for name, value in pairs)
 
-    texts = [
-        f"weights: {named(front.objectives, weights, '.2f')}"
-        f"; returns: {named(front.objectives, returns, ',.4g')}"
-        for weights, returns in zip(shares, front.returns, strict=True)
-    ]
-    if front.quantities is None:
-        return texts
-    measured = (named(front.quantity_names, row, ",.4g") for row in front.quantities)
-    return [f"{text}; {row}" for text, row in zip(texts, measured, strict=True)]
+    texts = []
+    for index, weights in enumerate(shares):
+        text = f"weights: {named(front.objectives, weights, '.2f')}"
+        text += f"; returns: {named(front.objectives, front.returns[index], ',.4g')}"
+        if front.quantities is not None:
+            text += f"; {named(front.quantity_names, front.quantities[index], ',.4g')}"
+        texts.append(text)
+    return texts
+
+
+def card(
+    task: str,
+    choice: Choice,
+    trials: Mapping[str, Trial],
+    origin: Mapping[str, str],
+    commands: Sequence[str],
+    strip: bytes | None = None,
+) -> str:
+    """Return the decision card: why a trade-off was chosen, and what its policy does.
+
+    `trials` are the choice under other conditions, and `origin` texts such as the checkpoint, both
+    by name. `commands` are command lines that use the choice, `strip` is a film strip as PNG.
+    """
+    required, names = choice.required, choice.required.names
+    # a fall breaks every requirement
+    kept = {
+        name: trial.falls == 0 and bool(required.kept(trial.values[None])[0])
+        for name, trial in trials.items()
+    }
+    return rendered(
+        "card.html",
+        task=task,
+        limits=[(limit.sign, number(limit.level), names[limit.index]) for limit in required.limits],
+        maximized=names[required.maximized],
+        weights=[
+            f"{name} {weight:.1%}"
+            for name, weight in zip(choice.returns, choice.tradeoff, strict=True)
+        ],
+        strip=strip and data_url("png", strip),
+        values=choice.rows(",.4g"),
+        cost=number(choice.cost),
+        most=number(choice.values[required.maximized] + choice.cost),
+        simulated=choice.simulated,
+        conditions=["condition", *(names[i] for i in required.used), "falls", "keeps all"],
+        trials=[
+            [
+                name,
+                *map(number, trial.values[required.used]),
+                f"{trial.falls:.0%}",
+                "yes" if kept[name] else "no",
+            ]
+            for name, trial in trials.items()
+        ],
+        episodes=max(trial.episodes for trial in trials.values()),
+        left_out=[name for name in CONDITIONS if name not in trials],
+        missed=[name for name in trials if not kept[name]],
+        origin=origin,
+        commands=commands,
+    )

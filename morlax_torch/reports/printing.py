@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
 from ..evaluation import figures
-from ..evaluation.front import Front, representatives
+from ..evaluation.front import representatives
 from ..host.files import make_folder, write_file
 from ..runs.loading import load, load_front
 from . import comparison
@@ -81,12 +81,10 @@ def write_figures(
 
 def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
     """Return the table of indicators: the median and quartiles over the runs of each row."""
-    rivals: dict[str, list[Front]] = {}
-    for (task, _), group in rows.items():
-        rivals.setdefault(task, []).extend(run.front for run in group.values())
     measured: dict[Row, dict[str, Quartiles]] = {}
     for row, group in rows.items():
-        fronts = rivals[row[0]]
+        rivals = [run for other in rows if other[0] == row[0] for run in rows[other].values()]
+        fronts = [run.front for run in rivals]
         target = comparison.union(fronts) if len(fronts) > 1 else None  # of IGD+
         first, *others = [run.front.indicators(target) for run in group.values()]
         shared = [name for name in first if all(name in other for other in others)]

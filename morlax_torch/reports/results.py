@@ -11,8 +11,8 @@ from ..configuration.config import Config
 from ..configuration.files import write_yaml
 from ..envs.naming import title
 from ..evaluation import figures
-from ..evaluation.figures.colors import of_objectives
 from ..evaluation.front import Front, hypervolume_in
+from ..evaluation.style import of_objectives
 from ..host.files import make_folder, write_file, write_rows
 from ..runs.hardware import Machine
 from ..runs.progress import History
@@ -102,7 +102,6 @@ def write(
         for stem, caption, figure in pictures(run.front, f"{task}: {name}"):
             figures.save(figure, subfolder / stem)
             drawn.append((f"{name}: {caption}", figure))
-    summary = quartiles([run.measures for run in runs]) if several else {}
     rows: list[list] = [["run", "path", "env", "seed", *runs[0].measures]]
     for name, run in evaluations.items():
         config = run.policy.config
@@ -110,6 +109,7 @@ def write(
     write_rows(folder / "indicators.csv", rows)
     if several:
         heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
+        summary = quartiles([run.measures for run in runs])
         quarters = ([name, *three, len(runs)] for name, three in summary.items())
         write_rows(folder / "summary.csv", [heads, *quarters])
     number = len(runs)
@@ -120,13 +120,6 @@ def write(
         for name, run in evaluations.items()
     }
     settings = dict.fromkeys(name for texts in told.values() for name in texts)
-    indicators = []
-    for name in runs[0].measures:
-        cells = [page.number(run.measures[name]) for run in runs]
-        if several:
-            low, median, high = map(page.number, summary[name])
-            cells += [median, f"{low} - {high}"]
-        indicators.append([page.words(name), *cells, page.meaning(name)])
     objectives = runs[0].front.objectives
     report = page.rendered(
         "report.html",
@@ -146,9 +139,21 @@ def write(
         portrait=portrait and page.data_url("png", portrait),
         configs={name: write_yaml(run.policy.config) for name, run in evaluations.items()},
         heads=["", *evaluations, *(("median", "quartiles") if several else ()), ""],
-        indicators=indicators,
+        indicators=[
+            [page.words(name), *cells, page.meaning(name)] for name, *cells in indicator_rows(runs)
+        ],
     )
     write_file(folder / "report.html", report)
+
+
+def indicator_rows(runs: Sequence[Evaluated]) -> list[list[str]]:
+    """Return each indicator's name and values, of several runs with the median and quartiles."""
+    rows = [[name, *(page.number(run.measures[name]) for run in runs)] for name in runs[0].measures]
+    if len(runs) > 1:
+        for row, values in zip(rows, quartiles([r.measures for r in runs]).values(), strict=True):
+            low, median, high = map(page.number, values)
+            row += [median, f"{low} - {high}"]
+    return rows
 
 
 def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:

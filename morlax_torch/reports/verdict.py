@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..evaluation.front import Front
-from ..evaluation.pareto import most_conflicting_pair
+from ..evaluation.pareto import conflicting_pairs
 from ..runs.progress import History
 from .comparison import Evaluated
 
@@ -105,7 +105,7 @@ def _fall_rate(front: Front) -> float:
 def _gain(front: Front) -> str:
     """Say what the front offers, between the two objectives that conflict most."""
     returns, names = front.returns[front.non_dominated], front.objectives
-    one, other = most_conflicting_pair(returns)
+    ((one, other),) = conflicting_pairs(returns)
     start, end = returns[returns[:, one].argmax()], returns[returns[:, other].argmax()]
     changes = " and ".join(_change(names[k], start[k], end[k]) for k in (one, other))
     offer = (

@@ -104,12 +104,6 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "learner": state,
     }
 
-    if isinstance(state, dict):
-        return {name: _on_cpu(value) for name, value in state.items()}
-    if isinstance(state, list | tuple):
-        return type(state)(map(_on_cpu, state))
-    return state
-
 
 def _on_cpu(state: Any) -> Any:
     if isinstance(state, dict):
@@ -132,22 +126,20 @@ def write(path: AnyPath, contents: dict[str, Any], progress: Progress | None = N
 
 
 def load(path: Path) -> Contents:
-    """Read a file that `write` wrote, to the CPU."""
     data = io.BytesIO(read(path, "checkpoint"))
     try:
         _check_sums(data)
         values = torch.load(data, map_location="cpu", weights_only=True)
+        number = values["format"]
     except MemoryError:
         raise
     except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
         raise MorlaxError(
             f"the checkpoint {path} is damaged or not a checkpoint: use another file of its folder."
         ) from None
-    if not isinstance(values, dict) or "format" not in values:
-        raise MorlaxError(f"{path} is not a checkpoint of morlax_torch.")
-    if values["format"] != FORMAT:
+    if number != FORMAT:
         raise MorlaxError(
-            f"the checkpoint {path} has format {shortened(values['format'])}, but this version of "
+            f"the checkpoint {path} has format {shortened(number)}, but this version of "
             f"morlax_torch reads format {FORMAT}: use the version that wrote it."
         )
     try:
@@ -192,7 +184,6 @@ def read_config(contents: Contents, path: Path) -> Config:
 
 
 def folder_of(path: Path) -> Path:
-    """Return the folder of the run of a checkpoint file."""
     return path.parent.parent if path.parent.name == "checkpoints" else path.parent
 
 
@@ -226,13 +217,12 @@ def restore(contents: Contents, path: Path, learner: Learner) -> bool:
         if name != "model_fingerprint" and stored != value:
             raise MorlaxError(f"{path} has {name} {stored}, but the task has {value}.")
     changed = check_model(contents.environment.model_fingerprint, model_of(learner.env), path)
-    sizes = config.model_dump(mode="json", include={"worlds", "network"})
-    trained = {name: contents.config.get(name) for name in sizes}
-    if trained != sizes:
-        raise MorlaxError(
-            f"{path} was made with other sizes (worlds {trained['worlds']}, network "
-            f"{trained['network']}): resume with the config of its own run."
-        )
+    for name, size in config.model_dump(mode="json", include={"worlds", "network"}).items():
+        if contents.config.get(name) != size:
+            raise MorlaxError(
+                f"{path} was made with other sizes ({name} {contents.config.get(name)}): resume "
+                "with the config of its own run."
+            )
     check_networks(contents.own_networks, learner.agent.own_networks(), path)
     current, state = learner.state_dict(), dict(contents.learner)
     try:
@@ -252,18 +242,16 @@ def restore(contents: Contents, path: Path, learner: Learner) -> bool:
 
 def check_networks(stored: dict[str, Any], passed: dict[str, Any], path: Path) -> None:
     """Raise MorlaxError unless `Agent.own_networks` equals the stored one."""
-    for name in {**stored, **passed}:
-        if name not in passed:
-            raise MorlaxError(
-                f"{path} holds a user-made {name}, which no config describes: continue from Python "
-                f"and pass a module like it, {name}=..., as when it was trained."
-            )
-        if name not in stored:
-            raise MorlaxError(f"{path} holds the {name} of its config: leave out {name}=...")
-        if passed[name] != stored[name]:
+    for name in stored.keys() - passed.keys():
+        raise MorlaxError(
+            f"{path} holds a user-made {name}, which no config describes: continue from Python "
+            f"and pass a module like it, {name}=..., as when it was trained."
+        )
+    for name, parameters in passed.items():
+        if parameters != stored.get(name):
             raise MorlaxError(
                 f"the {name} passed does not match the one in {path}: its parameters are "
-                f"{passed[name]}, but the stored ones are {stored[name]}."
+                f"{parameters}, but the stored ones are {stored.get(name, 'of its config')}."
             )
 
 

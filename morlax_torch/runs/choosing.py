@@ -1,7 +1,6 @@
 """Choose a trade-off whose policy keeps requirements in simulation."""
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,9 +9,8 @@ import torch
 from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError, get, resolve_device
 from ..envs.worlds.options import TaskOptions
-from ..evaluation.evaluator import Evaluator
+from ..evaluation.evaluator import Evaluator, evaluation_worlds
 from ..evaluation.front import Front
-from ..evaluation.making import evaluation_worlds
 from ..evaluation.requirements import Choice, Requirements
 from ..host.files import AnyPath
 from ..host.phases import phase
@@ -25,7 +23,6 @@ SETTLED = 0.05  # chance of a gain below which nothing more is simulated
 FINALISTS, MOST_GROUPS = 8, 4  # simulated again on other episodes, if the task is random
 RANDOM_SEEDS = 8  # episodes per trade-off of a random task, at least
 RANDOM_MARGIN = 0.02
-NOTHING: Mapping[str, float] = MappingProxyType({})
 
 # proposals
 NEIGHBORS = 8  # of each trade-off, if there are more than two objectives
@@ -55,7 +52,7 @@ def choose(
     constraints: Mapping[str, float],
     maximize: str,
     *,
-    at_most: Mapping[str, float] = NOTHING,
+    at_most: Mapping[str, float] | None = None,
     margin: float | None = None,
     seeds: int | None = None,
     seed: int = 0,
@@ -97,11 +94,7 @@ def choose(
 
 
 class Chooser:
-    """Chooses trade-offs of a policy by simulation on its device, starting from a front, if any.
-
-    Without a policy, or if the task needs a GPU and the policy is on a CPU, it chooses from the
-    front alone.
-    """
+    """Chooses trade-offs by simulation, or from a front without a policy or a GPU it needs."""
 
     def __init__(
         self, policy: Policy | None, front: Front | None, seeds: int | None = None, seed: int = 0
@@ -126,11 +119,11 @@ class Chooser:
         self,
         constraints: Mapping[str, float],
         maximize: str,
-        at_most: Mapping[str, float] = NOTHING,
+        at_most: Mapping[str, float] | None = None,
         margin: float | None = None,
     ) -> Choice:
         """Simulate until a gain is unlikely, and return the best; see `choose` of this module."""
-        required = Requirements.of(*self._names, constraints, maximize, at_most)
+        required = Requirements.of(*self._names, constraints, maximize, at_most or {})
         if margin is None:
             margin = RANDOM_MARGIN if self._random else 0.0
         candidates = Candidates(*self._start(required), required, margin)
@@ -172,10 +165,7 @@ class Chooser:
         return even, self._simulate(self._evaluator, even), True
 
     def _best(self, candidates: "Candidates") -> tuple[int, np.ndarray, float]:
-        """Return the best final candidate that keeps the requirements, and its values (m + q,).
-
-        The last number is the most of the maximized value without requirements.
-        """
+        """Return the best candidate, its values (m + q,), and the most without requirements."""
         source = "simulated" if self._evaluator else "evaluated"
         ranked, free = candidates.ranked(source), candidates.unconstrained()
         required, values = candidates.required, candidates.values
@@ -349,11 +339,7 @@ class Trial(NamedTuple):
 
 
 def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str, Trial]:
-    """Simulate a trade-off (m,) on the policy's device under conditions unlike training's, by name.
-
-    Only tasks of this package's kind can be changed, and conditions that a task cannot vary are
-    left out.
-    """
+    """Simulate a trade-off (m,) under the conditions that its task can vary, by name."""
     task = policy.config.task.for_evaluation()
     tasks = {USUAL: task}
     if isinstance(task, TaskOptions):

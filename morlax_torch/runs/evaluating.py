@@ -5,8 +5,8 @@ from pathlib import Path
 from ..configuration.files import write_record
 from ..configuration.sections import Protocol
 from ..envs import resolve_device
+from ..evaluation.evaluator import make_evaluator
 from ..evaluation.front import Front
-from ..evaluation.making import make_evaluator
 from ..host.files import AnyPath, making, read
 from ..networks.policy import Policy
 from .checkpoint import fingerprint, front_path

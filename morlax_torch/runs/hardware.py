@@ -37,7 +37,6 @@ class Machine(BaseModel):
 
     @classmethod
     def of(cls, learner: Learner) -> "Machine":
-        """Return this machine, on which `learner` trains."""
         simulator = learner.env.simulator
         with suppress(KeyError, PackageNotFoundError):  # of a user's own worlds
             simulator = f"{simulator} {version(PACKAGES[simulator])}"
@@ -77,7 +76,6 @@ def write_machines(folder: Path, machines: list[Machine]) -> None:
 
 
 def device_name(device: torch.device) -> str:
-    """Return the name of a GPU, or of the model of the CPU."""
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
     with suppress(OSError):  # there is no such file on other systems than Linux

@@ -159,10 +159,7 @@ def objectives_of(run: AnyPath) -> tuple[str, ...]:
 
 
 def trust_run(run: AnyPath, trust: bool = True, env: str | None = None) -> None:
-    """Allow runs to name the code that this run names, in this process, if `trust`.
-
-    `env`: FILE.py:CLASS of the run's task, where it is now.
-    """
+    """Trust the code of a run, if `trust`; `env` is its task: FILE.py:CLASS, where it is now."""
     if not trust and env is None:
         return
     path = find_checkpoint(run)
@@ -232,9 +229,7 @@ def check_bookmark(run: AnyPath, name: str) -> Path:
         )
     folder = own_folder(run)
     if folder is None:
-        raise MorlaxError(
-            f"shipped policies keep no bookmarks: copy it first, by pack {run} my-{run}."
-        )
+        raise MorlaxError(f"shipped policies keep no bookmarks: first pack {run} my-{run}.")
     return folder / BOOKMARKS
 
 
@@ -291,15 +286,15 @@ def start_from(run: str, learner: Learner) -> None:
             f"start_from needs hypernetworks, which {path} or algorithm "
             f"{learner.config.algorithm} lacks."
         )
-    columns = torch.tensor([objectives.index(name) for name in before])
+    columns = [objectives.index(name) for name in before]
     state[FIRST_LAYER] = _widened(state[FIRST_LAYER], columns, len(objectives), len(agent.context))
     target = agent.state_dict()
     fits = {n for n, value in target.items() if n in state and state[n].shape == value.shape}
     names = [name for name in target if name.startswith(POLICY)]
-    if misfits := [name for name in names if name not in fits]:
+    if not fits.issuperset(names):
         raise MorlaxError(
-            f"the networks in {path} have other sizes than this run's ({misfits[0]}): give both "
-            "the same network section and the same task."
+            f"the networks in {path} have other sizes than this run's: give both the same network "
+            "section and the same task."
         )
     critic = [name for name in target if name.startswith(CRITIC)]
     if tuple(before) == tuple(objectives) and fits.issuperset(critic):
@@ -309,8 +304,7 @@ def start_from(run: str, learner: Learner) -> None:
     learner.group.share(agent)  # a run in training may have replaced its checkpoint meanwhile
 
 
-def _widened(weight: Tensor, columns: Tensor, m: int, contexts: int) -> Tensor:
-    """Return weights (hidden, m + d) of m trade-off inputs, of which `columns` have weights."""
+def _widened(weight: Tensor, columns: list[int], m: int, contexts: int) -> Tensor:
     weight, context = weight.tensor_split([len(columns)], 1)
     if not context.shape[1]:
         context = weight.new_zeros(len(weight), contexts)
@@ -318,4 +312,4 @@ def _widened(weight: Tensor, columns: Tensor, m: int, contexts: int) -> Tensor:
     # the even trade-off of the objectives before
     wide = weight.mean(1, keepdim=True).repeat(1, m)
     wide[:, columns] = weight
-    return torch.cat([wide, context], 1)
+    return torch.cat([wide, context], 1)  # (hidden, m + d)

@@ -46,7 +46,6 @@ class Evaluation(NamedTuple):
         return self.measured[hypervolume_in(self.measured)]
 
     def row(self) -> dict[str, Any]:
-        """Return the row of metrics.csv."""
         return {
             "iteration": self.iteration,
             "env_steps": self.env_steps,
@@ -87,20 +86,18 @@ class Progress(BaseModel):
 
 
 class History(NamedTuple):
-    """Training curves with one value per evaluation, E in all."""
+    """Training curves with one value per evaluation, (E,)."""
 
-    env_steps: np.ndarray  # (E,)
-    train_seconds: np.ndarray  # (E,) wall-clock time of rollouts and updates only
-    hypervolume: np.ndarray  # (E,)
+    env_steps: np.ndarray
+    train_seconds: np.ndarray
+    hypervolume: np.ndarray
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
         """Read a run's metrics.csv; each hypervolume is exact or approximate, as in its row."""
         rows = read_rows(path)
-        env_steps, train_seconds = (
-            np.array([float(row[name]) for row in rows]) for name in COUNTERS[1:]
-        )
-        return cls(env_steps, train_seconds, np.array([hypervolume_of(row) for row in rows]))
+        values = [[*(float(row[n]) for n in COUNTERS[1:]), hypervolume_of(row)] for row in rows]
+        return cls(*np.transpose(values))
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:

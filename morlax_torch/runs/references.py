@@ -24,8 +24,8 @@ from ..envs.errors import MorlaxWarning, shortened
 from ..envs.naming import absolute, is_file, title
 from ..host.files import attempting, make_folder, read, write_file
 
+# fields of a config that may name a file or module, and a run's folder for a copy of it
 NAMES_CODE = {"env": "task", "scalarization": "utility"}
-"""Fields of a config that may name a file or module, and a run's folder for a copy of it."""
 LEARNED = "learned.pt"  # a run's own copy, which moves with its folder
 MOST_BYTES = 20 * 2**20  # of the copies of a task; larger ones are not copied
 
@@ -51,15 +51,11 @@ def name_task(folder: Path, task: str, env: str) -> None:
 
 
 def named_task(folder: Path) -> str | None:
-    """Return the task of the run in `folder`, if the user has named it."""
     return _NAMED.get(folder.resolve())
 
 
 def copy_files(config: Config, folder: Path) -> None:
-    """Copy the learned reward and the code that a config names, if any, into a run's folder.
-
-    With the code come the models and other files that it names, if they are not too large.
-    """
+    """Copy what a config names into a run's folder: learned reward, code and its other files."""
     from ..envs.external import parts_of
 
     task = config.task
@@ -150,10 +146,7 @@ def model_of(env: Worlds) -> dict[str, str]:
 
 
 def model_of_task(task: type[Worlds], options: Any) -> dict[str, str]:
-    """Return a short text for each kind of part of a task's model that physics depends on.
-
-    Texts are equal if the numbers are. Empty if the model is unknown.
-    """
+    """Return a digest for each kind of part of a task's model; none if the model is unknown."""
     if not issubclass(task, Environment):
         return {}
     try:

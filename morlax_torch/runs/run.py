@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -62,24 +62,19 @@ class Run:
     def __init__(self, folder: AnyPath):
         self.folder = Path(folder)
         self.checkpoints = self.folder / "checkpoints"
+        self._metrics = self.folder / "metrics.csv"
         self._rows: list[dict[str, Any]] = []
         self._lock = FileLock(self.folder / "train.lock", timeout=0)  # ends with its process
+        self._writing = f"write events in {self.folder}"
         self._purge_step: int | None = None  # TensorBoard drops events from this step on
 
     @classmethod
     def create(cls, learner: Learner, output: AnyPath | None = None) -> Self:
-        """Create a folder that already holds the config and a first checkpoint.
+        """Create a folder (None: runs/<task>/<time>-<seed>) with the config and a first checkpoint.
 
         The folder is prepared beside its final place and then moved there, so that a killed
         program leaves either a run that can be resumed or none. All processes of the learner's
         group must call it; the first one writes.
-
-        Args:
-            learner: whose config and initial state to write.
-            output: the folder (None: runs/<task>/<time>-<seed>).
-
-        Raises:
-            MorlaxError: the folder is in use, or cannot be written.
         """
         config, contents = learner.config, checkpoint.snapshot(learner)
         if learner.group.rank:
@@ -106,21 +101,14 @@ class Run:
 
     @classmethod
     def open(cls, folder: AnyPath) -> Self:
-        """Open an existing run, the newest one of a folder of runs, or of all if it is "latest".
-
-        Raises:
-            MorlaxError: the folder is not a run.
-        """
+        """Open an existing run, the newest one of a folder of runs, or of all if it is "latest"."""
         folder = named_run(folder)
         if not (folder / "config.yaml").is_file():
             raise MorlaxError(f"{folder} is not a run: it has no config.yaml.")
         return cls(folder)
 
     def config(self, trust: bool = False, env: str | None = None) -> Config:
-        """Return the config to resume the run with; `trust` and `env` are as of `load`.
-
-        It is that of the latest checkpoint, with the fields of MAY_CHANGE from config.yaml.
-        """
+        """Return the latest checkpoint's config, with the fields of MAY_CHANGE from config.yaml."""
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
         trust_run(path, trust, env)
         stored, values = checkpoint.read_config(checkpoint.load(path), path), read_yaml(file)
@@ -155,10 +143,7 @@ class Run:
         return None
 
     def restore(self, learner: Learner) -> Progress:
-        """Load the latest checkpoint into `learner` and drop later log entries.
-
-        All processes of the learner's group must call it.
-        """
+        """Load the latest checkpoint, in all processes of a group, and drop later log entries."""
         first, path = learner.group.rank == 0, self.checkpoints / "latest.pt"
         if first:
             self._acquire()
@@ -241,28 +226,25 @@ class Run:
         return any(int(row["iteration"]) == iteration for row in self._rows)
 
     def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
-        with self._writing():
+        with attempting(self._writing):
             self._events.log_metrics(metrics, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
-        """Write an evaluation of a `task`: events and a row of metrics.csv."""
-        with self._writing():
+        with attempting(self._writing):
             self._events.log_evaluation(evaluation, task, len(self._rows))
         self._rows.append(evaluation.row())
         self._write_rows()
 
     def _read_rows(self) -> list[dict[str, str]]:
-        metrics = self.folder / "metrics.csv"
-        return read_rows(metrics) if metrics.exists() else []
+        return read_rows(self._metrics) if self._metrics.exists() else []
 
     def _write_rows(self) -> None:
-        metrics = self.folder / "metrics.csv"
         if not self._rows:
-            metrics.unlink(missing_ok=True)
+            self._metrics.unlink(missing_ok=True)
             return
         columns = dict.fromkeys(chain(self._rows[-1], *self._rows))
         rows = ([row.get(column, "") for column in columns] for row in self._rows)
-        write_rows(metrics, [list(columns), *rows])
+        write_rows(self._metrics, [list(columns), *rows])
 
     @cached_property
     def _events(self) -> "Events":
@@ -270,13 +252,10 @@ class Run:
 
         return Events(self.folder, self._purge_step)
 
-    def _writing(self) -> AbstractContextManager[None]:
-        return attempting(f"write events in {self.folder}")
-
     def close(self) -> None:
         """Write and close the TensorBoard events, and let other processes train the run."""
         try:
-            with self._writing():
+            with attempting(self._writing):
                 self._events.close()
         finally:
             self._lock.release()

@@ -48,15 +48,13 @@ class Events:
         # run stays small
         scales = [int(math.log(max(1, each), 1.1)) for each in (number - 1, number)]
         if number < 10 or scales[0] < scales[1]:
-            self._log_pictures(evaluation, f"{title(task)} after {steps / 1e6:.1f} M steps")
+            from ..evaluation import figures  # matplotlib loads slowly
+
+            name = f"{title(task)} after {steps / 1e6:.1f} M steps"
+            for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
+                image = figures.pixels(draw(evaluation.front, name))
+                self._writer.add_image(f"figures/{tag}", image, steps, dataformats="HWC")
         self._writer.flush()
-
-    def _log_pictures(self, evaluation: Evaluation, name: str) -> None:
-        from ..evaluation import figures  # matplotlib loads slowly
-
-        for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
-            image = figures.pixels(draw(evaluation.front, name))
-            self._writer.add_image(f"figures/{tag}", image, evaluation.env_steps, dataformats="HWC")
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:
         """Fill the HPARAMS tab, first with options that differ from the task's config."""

@@ -17,8 +17,8 @@ from ..algorithms.registry import make_learner
 from ..configuration.config import Config
 from ..envs import MorlaxError
 from ..envs.devices import seed_of
-from ..evaluation import making
 from ..evaluation.evaluator import SETS, Evaluator
+from ..evaluation.evaluator import make_evaluator as evaluator_of
 from ..evaluation.front import mean_indicators
 from ..gpu.group import join
 from ..host.files import AnyPath
@@ -63,11 +63,7 @@ class Session:
         *,
         written: bool = True,
     ) -> Self:
-        """Make worlds, learner, evaluator and run of a config; see `morlax_torch.train`.
-
-        Started by `torchrun`, all processes share the run, which the first one writes. Unless
-        `written`, no new run is made.
-        """
+        """Make worlds, learner, evaluator and, if `written`, a run; see `morlax_torch.train`."""
         device, group = join(config.device, config.model_dump_json())
         config = config.model_copy(update={"device": device})
         if not group.first(run is not None):
@@ -98,13 +94,11 @@ class Session:
         The first evaluation comes before training. A thread writes the run's folder while training
         goes on, so the learner may be ahead of an evaluation when it is yielded. However training
         ends, everything evaluated so far is written first, so the iterator may be closed at any
-        time. It prints nothing and installs no signal handlers, so it works in threads and
-        notebooks.
+        time.
 
-        Args:
-            began: value of `time.perf_counter()` from which `total_seconds` counts (None: now).
-            stopped: asked after each iteration whether to stop there.
-            evaluate_at: training seconds at which to evaluate, instead of the config's interval.
+        `total_seconds` count from `began`, a value of `time.perf_counter()`. After each iteration,
+        `stopped` is asked whether to stop. `evaluate_at` are training seconds at which to evaluate,
+        instead of the config's interval.
         """
         learner, group, progress = self.learner, self.learner.group, self.progress
         run = self._output
@@ -143,17 +137,13 @@ class Session:
                     run.save(contents, progress)
 
     @property
-    def _output(self) -> Run | None:
-        """The run, in the process that writes it."""
+    def _output(self) -> Run | None:  # in the process that writes it
         return self.run if self.learner.group.rank == 0 else None
 
     def _explore_and_learn(
         self, schedule: "Schedule", stopped: Callable[[], bool], writer: "Writer", earlier: int
     ) -> Iterator[Evaluation]:
-        """Iterate until the next look at limits and metrics, then check the metrics.
-
-        `earlier`: blow-ups counted before the worlds were rebuilt.
-        """
+        """Iterate until the next look at limits and metrics, then check the metrics."""
         learner, progress = self.learner, self.progress
         first, start, alone = learner.iteration, time.perf_counter(), learner.group.size == 1
         seconds = schedule.seconds()
@@ -174,7 +164,7 @@ class Session:
                 break
         metrics = learner.metrics()  # waits for the GPU
         elapsed, iterations = time.perf_counter() - start, learner.iteration - first
-        metrics["blowups"] += earlier
+        metrics["blowups"] += earlier  # counted before the worlds were rebuilt
         blowups, progress.blowups = progress.blowups, int(metrics["blowups"])
         progress.train_seconds += elapsed
         progress.env_steps = learner.env_steps
@@ -251,11 +241,10 @@ def make_evaluator(learner: Learner) -> Evaluator:
     """Make the evaluator of a learner's agent; a random task has a second set, to choose by."""
     config, m, group = learner.config, len(learner.env.objectives), learner.group
     sets, number = SETS if config.task.for_evaluation().varies else 1, bodies(config)
-    return making.make_evaluator(learner.agent, config, m, sets=sets, group=group, bodies=number)
+    return evaluator_of(learner.agent, config, m, sets=sets, group=group, bodies=number)
 
 
-def bodies(config: Config) -> int:
-    """Return how many bodies evaluations while training have."""
+def bodies(config: Config) -> int:  # that evaluations have
     return config.evaluation.designs if config.sampling.designs else 1
 
 
@@ -280,7 +269,8 @@ class Schedule:
         self._expects_cost = env.device.type == "cuda" and not env.recordable
 
     def over(self) -> bool:
-        return self._seconds_left() <= 0 or self._iterations_left() <= 0
+        out_of_time = self._progress.train_seconds >= self._max_seconds
+        return out_of_time or self._iterations_left() <= 0
 
     def done(self, seconds: float) -> float:
         """Return the share of the run that is over after so many training seconds, 0 to 1."""
@@ -296,7 +286,7 @@ class Schedule:
             self._expects_cost = False
             steps = self._learner.env.episode_length / self._learner.config.horizon
             self.evaluated(steps * self.pace())
-        return self._until_evaluation() <= 0
+        return self._next_second <= self._progress.train_seconds
 
     def evaluated(self, cost: float) -> None:
         """Plan the next evaluation, after one that kept training waiting for `cost` seconds."""
@@ -324,18 +314,13 @@ class Schedule:
 
     def seconds(self) -> float:
         """Return how many seconds of training may pass until the next look."""
-        left = self._seconds_left()
-        return left if self._interval is not None else min(left, self._until_evaluation())
-
-    def _seconds_left(self) -> float:
-        return self._max_seconds - self._progress.train_seconds
+        end = self._max_seconds
+        end = end if self._interval is not None else min(end, self._next_second)
+        return end - self._progress.train_seconds
 
     def _iterations_left(self) -> float:
         left = (self._max_env_steps - self._learner.env_steps) / self._learner.steps_per_iteration
         return left if left == math.inf else math.ceil(left)
-
-    def _until_evaluation(self) -> float:
-        return self._next_second - self._progress.train_seconds
 
 
 class Writer:

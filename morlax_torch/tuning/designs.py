@@ -12,10 +12,9 @@ from ..envs import MorlaxError, get
 from ..envs.worlds.design_space import DesignSpace, mjcf
 from ..envs.worlds.environment import Environment
 from ..evaluation import pareto
-from ..evaluation.evaluator import Evaluator
+from ..evaluation.evaluator import Evaluator, embody, evaluation_worlds
 from ..evaluation.figures import designs_figure
 from ..evaluation.figures import save as save_figure
-from ..evaluation.making import embody, evaluation_worlds
 from ..host.files import write_file, write_rows
 from ..host.phases import phase
 from ..networks.policy import Policy

@@ -102,7 +102,7 @@ def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> d
         "best": front.non_dominated.tolist(),
         "fails": (falls > FAILS).tolist(),
         "falls": falls.round(4).tolist(),
-        "pair": pareto.most_conflicting_pair(front.returns[front.non_dominated]),
+        "pair": pareto.conflicting_pairs(front.returns[front.non_dominated])[0],
         "checkpoint": front.checkpoint,
     }
 

@@ -6,7 +6,9 @@ import runpy
 import shlex
 import subprocess
 import sys
+import warnings
 from contextlib import nullcontext
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -96,6 +98,9 @@ def with_short_episodes(task: str, **changes) -> Config:
 def needs_modules(code: str) -> None:
     for module in re.findall(r"^(?:import|from) (\w+)", code, re.MULTILINE):
         pytest.importorskip(module, reason=f"{module} is not installed")
+    if "from mjlab.tasks" in code:  # which uses what torch deprecates
+        with warnings.catch_warnings(action="ignore"):
+            import_module("mjlab.tasks")
 
 
 @pytest.mark.slow

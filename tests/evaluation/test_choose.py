@@ -15,11 +15,11 @@ from morlax_torch.__main__ import command as run_command
 from morlax_torch.commands.choose import command
 from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.tradeoffs import parse_tradeoff
+from morlax_torch.evaluation.evaluator import evaluation_worlds
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.evaluation.requirements import Requirements, index_of
 from morlax_torch.networks.agent import Agent, Sizes
-from morlax_torch.reports.card import card
+from morlax_torch.reports.page import card
 from morlax_torch.runs import choosing
 from morlax_torch.runs.choosing import (
     CONDITIONS,

@@ -10,9 +10,8 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation import evaluator as module
-from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.evaluation.evaluator import Evaluator, usual_tradeoffs
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.making import usual_tradeoffs
 from morlax_torch.gpu.group import ALONE, Group
 from morlax_torch.networks.agent import Agent
 

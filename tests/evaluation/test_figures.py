@@ -12,11 +12,9 @@ from matplotlib.figure import Figure
 from morlax_torch import MorlaxError
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation import figures
-from morlax_torch.evaluation.figures.colors import of_objectives
-from morlax_torch.evaluation.figures.front import MOST_PAIRS
-from morlax_torch.evaluation.figures.hypervolume import Band
-from morlax_torch.evaluation.figures.style import colors_of, limits
+from morlax_torch.evaluation.figures import MOST_PAIRS, quartile_band
 from morlax_torch.evaluation.front import Front, representatives
+from morlax_torch.evaluation.style import colors_of, limits, of_objectives
 from morlax_torch.runs.progress import History
 
 NAMES = ("run", "energy", "height", "jump")
@@ -62,12 +60,12 @@ def test_a_front_has_a_plot_for_each_pair_of_objectives(m):
 
 def test_returns_are_plotted_over_weights():
     first, second = labels(figures.returns_figure(front(2)))
-    assert first[1] == "run (return)"
+    assert first == ("trade-off: weight of run", "run (return)")
     assert second == ("trade-off: weight of run", "energy (return)")
     maps = figures.returns_figure(front(3))  # of the simplex
     assert {"run only", "energy only", "height only"} <= drawn(maps)
     assert {x for x, *_ in labels(maps)} >= {f"{name} (return)" for name in NAMES[:3]}
-    expected = [(f"weight of {name}", f"{name} (return)") for name in NAMES]
+    expected = [(f"trade-off: weight of {name}", f"{name} (return)") for name in NAMES]
     assert labels(figures.returns_figure(front(4))) == expected
 
 
@@ -205,15 +203,14 @@ def test_hypervolume_is_plotted_over_steps_and_seconds(number):
 
 def test_a_band_shows_quartiles_where_all_runs_have_data():
     runs = [[0, 4, 8], [0, 40, 80], [0, 400, 800]]
-    band = Band.over([(np.array([0.0, 1, 2]), np.array(y, dtype=float)) for y in runs])
-    assert band.x.tolist() == [0, 1, 2]
-    assert band.middle.tolist() == [0, 40, 80]
-    assert band.low.tolist() == [0, (4 + 40) / 2, (8 + 80) / 2]
-    assert band.high.tolist() == [0, (40 + 400) / 2, (80 + 800) / 2]
+    band = quartile_band([(np.array([0.0, 1, 2]), np.array(y, dtype=float)) for y in runs])
+    middle = [0, 40, 80]
+    low, high = [0, (4 + 40) / 2, (8 + 80) / 2], [0, (40 + 400) / 2, (80 + 800) / 2]
+    assert band.tolist() == [[0, 1, 2], low, middle, high]
     late = (np.array([0.5, 1.5]), np.array([10.0, 30.0]))
-    band = Band.over([(np.array([0.0, 1, 2]), np.array([0.0, 10, 20])), late])
-    assert band.x.tolist() == [0.5, 1, 1.5]  # no extrapolation beyond a run's own range
-    assert band.middle.tolist() == [7.5, 15, 22.5]
+    x, _, middle, _ = quartile_band([(np.array([0.0, 1, 2]), np.array([0.0, 10, 20])), late])
+    assert x.tolist() == [0.5, 1, 1.5]  # no extrapolation beyond a run's own range
+    assert middle.tolist() == [7.5, 15, 22.5]
 
 
 @pytest.mark.parametrize("m", (2, 3, 4))

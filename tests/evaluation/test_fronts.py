@@ -17,9 +17,8 @@ from morlax_torch import MORLAX, MorlaxError, load
 from morlax_torch.commands.evaluate import command as evaluate_command
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
-from morlax_torch.evaluation.evaluator import Evaluator
+from morlax_torch.evaluation.evaluator import Evaluator, evaluation_worlds
 from morlax_torch.evaluation.front import Front
-from morlax_torch.evaluation.making import evaluation_worlds
 from morlax_torch.exports.exporting import provenance
 from morlax_torch.host.files import AnyPath
 from morlax_torch.reports.evaluating import evaluate_runs

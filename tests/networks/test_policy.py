@@ -203,7 +203,7 @@ def test_a_file_that_is_not_a_checkpoint_gives_a_clear_error(latest, tmp_path):
             morlax_torch.load(path)
     for contents in (torch.zeros(3), {"weights": torch.zeros(3)}):
         torch.save(contents, path)
-        with pytest.raises(MorlaxError, match="is not a checkpoint of morlax_torch"):
+        with pytest.raises(MorlaxError, match="is damaged or not a checkpoint"):
             morlax_torch.load(path)
     torch.save({**torch.load(latest), "format": 99}, path)
     with pytest.raises(MorlaxError, match="format 99"):

@@ -384,15 +384,15 @@ def test_names_in_a_report_of_three_objectives_are_escaped(workplace):
 MISTAKES = {
     "": "name at least one run",
     "a/hopper ./a/hopper": "./a/hopper is given twice: name each run once",
-    "a/hopper cheetah": "hopper is a run of 'hopper' and cheetah of 'cheetah': compare runs of one",
-    "a/hopper three": "hopper has the objectives run, jump and three has run, jump, up",
+    "a/hopper cheetah": "hopper and cheetah differ in their task (hopper and cheetah)",
+    "a/hopper three": "hopper and three differ in their objectives (run, jump and run, jump, up)",
     "a/hopper noisy": "hopper and noisy differ in task.reset_noise",
     "a/hopper discounted": "hopper and discounted differ in evaluation.protocol (latched and",
-    "a/hopper --reference discounted/front.npz": "counts returns by the protocol discounted, but",
+    "a/hopper --reference discounted/front.npz": "run, jump by the protocol discounted, but",
     "a/hopper --seeds 3": "nothing in this task is random (task.reset_noise is 0",
     "three --tradeoffs 2 --protocol paper": "2 trade-offs are too few",
     "a/hopper --reference bad.npz": "bad.npz is damaged or not a front",
-    "a/hopper --reference three/front.npz": "three/front.npz has the objectives run, jump, up, but",
+    "a/hopper --reference three/front.npz": "three/front.npz has the objectives run, jump, up by",
     "a/hopper --seed -1": "seed is -1: it must be from 0",
 }
 

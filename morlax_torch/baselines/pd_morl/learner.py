@@ -12,8 +12,7 @@ from ...algorithms.rollout import Explore
 from ...configuration.config import Config
 from ...configuration.tradeoffs import even_tradeoffs, sample_cells, typical_tradeoffs
 from ...envs import Worlds
-from ...evaluation.evaluator import Evaluator
-from ...evaluation.making import evaluation_worlds
+from ...evaluation.evaluator import Evaluator, evaluation_worlds
 from ...gpu.optimizer import ClippedAdam
 from ...networks.family import Family
 from ...networks.gaussian import TanhNormal

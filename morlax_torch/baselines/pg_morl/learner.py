@@ -15,8 +15,7 @@ from ...algorithms.trainer import Trainer
 from ...configuration.config import Config
 from ...configuration.tradeoffs import even_tradeoffs
 from ...envs import Worlds
-from ...evaluation.evaluator import Evaluator
-from ...evaluation.making import evaluation_worlds
+from ...evaluation.evaluator import Evaluator, evaluation_worlds
 from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
 from ...networks.generated import Independent

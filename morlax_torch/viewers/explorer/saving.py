@@ -108,7 +108,7 @@ def decision_card(
 
     `commands` are command lines that use it. The policy ends on the CPU.
     """
-    from ...reports.card import card  # takes a while to import
+    from ...reports.page import card  # takes a while to import
     from ...runs.choosing import trials
     from ..filming.recording import strip
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from ...envs import MorlaxError
-from ...evaluation.figures.front import map_figure
-from ...evaluation.figures.style import pixels
+from ...evaluation.figures import map_figure
 from ...evaluation.front import Front
+from ...evaluation.style import pixels
 from ...host.phases import phase
 from ...networks.policy import Policy
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for

@@ -1,7 +1,9 @@
-"""Figures of fronts: the returns of the policies of a family, and what they do."""
+"""Figures of fronts, of what their policies do, and of the hypervolume during training.
+
+Each function returns a matplotlib figure. `save` writes it to files, `pixels` renders it.
+"""
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from string import ascii_uppercase
 from typing import Any
 
@@ -14,10 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from ..front import Front
-from ..pareto import conflicts, most_conflicting_pair
-from .colors import of_objectives
+from .front import Front
+from .pareto import conflicting_pairs
 from .style import (
+    INK,
     LEGEND_LETTER,
     RUNS,
     Apart,
@@ -31,15 +33,18 @@ from .style import (
     letter,
     limits,
     note,
+    of_objectives,
     panels,
     points,
-    printed,
     returned,
     shades,
     short,
     tint,
     weight,
 )
+from .style import STYLES as STYLES
+from .style import pixels as pixels
+from .style import save as save
 
 MARKS = 25  # markers per line; they tell lines apart in grayscale
 MOST_PAIRS = 6  # projections in a figure
@@ -47,6 +52,7 @@ MOST_LINES = 30  # policies in a figure of parallel coordinates
 COLUMNS = 3
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
 SIZE, PRINTED_SIZE = 14, 6  # of a point, in square points
+SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))
 
 
 def front_figure(
@@ -58,60 +64,41 @@ def front_figure(
     """Plot the returns of every trade-off, colored by trade-off; dominated returns are gray.
 
     Two objectives give one plot. Three give the front in 3D and its three projections; more give
-    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most.
-
-    Args:
-        front: the front.
-        title: title of the figure.
-        width: width of the figure in inches (None: as wide as its plots need on a screen).
-        labels: policies to mark with letters that the legend explains, by index.
+    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most. `labels`
+    mark policies, by index, with letters that the legend explains. `width` is in inches (None: as
+    wide as the plots need on a screen).
     """
-    names, labels = front.objectives, labels or {}
-    m, size = len(names), SIZE if width is None else PRINTED_SIZE
-    if m == 2:
-        entries = 1 + len(labels)
-        figure = blank(5.4, 4.2, title) if width is None else printed(width, 1, entries, title)[0]
-        axes = figure.add_subplot()
-        _pair(axes, front, 0, 1, size, labels)
-        colors = LinearSegmentedColormap.from_list("between", of_objectives(2)[::-1])
-        shade = ScalarMappable(Normalize(0, 1), colors)
-        figure.colorbar(shade, ax=axes, label=weight(names[0]))
-        legend_outside(figure)
-        return figure
-    pairs, all_pairs = most_conflicting(front), m * (m - 1) // 2
+    names, m, labels = front.objectives, len(front.objectives), labels or {}
+    size = SIZE if width is None else PRINTED_SIZE
+    pairs = conflicting_pairs(front.returns[front.non_dominated], MOST_PAIRS)
+    all_pairs = m * (m - 1) // 2
     if len(pairs) < all_pairs:
         title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
-    if width is None:
-        above, rows, columns = int(m == 3), -(-len(pairs) // COLUMNS), COLUMNS
-        figure = blank(10.2, 3.3 * rows + (4.9 if above else 0.8), title)
-    else:  # a plot in 3D is hard to read in print
-        entries = 1 + m + len(labels)
-        above, (figure, rows, columns) = 0, printed(width, len(pairs), entries, title)
-    grid = figure.add_gridspec(above + rows, columns, height_ratios=[1.5] * above + [1] * rows)
-    if above:
+    if m == 3 and width is None:  # a plot in 3D is hard to read in print
+        figure, best = blank(10.2, 8.2, title), front.non_dominated
+        grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1])
         space: Any = figure.add_subplot(grid[0, :], projection="3d")
-        best = front.non_dominated
         _space(space, front.returns[best], colors_of(front.tradeoffs[best]), names)
-    for cell, (x, y) in enumerate(pairs):
-        axes = figure.add_subplot(grid[above + cell // columns, cell % columns])
+        plots = [figure.add_subplot(grid[1, column]) for column in range(3)]
+    else:
+        plot, room = ((5.4, 4.2), 0.0) if m == 2 else ((3.4, 3.3), 0.8)
+        entries = len(labels) + (1 if m == 2 else 1 + m)
+        figure, plots = panels(len(pairs), COLUMNS, plot, title, room, width, entries)
+    for axes, (x, y) in zip(plots, pairs, strict=True):
         _pair(axes, front, x, y, size, labels)
-        if cell == 0:
-            color_key(axes, names)
+    if m == 2:
+        colors = LinearSegmentedColormap.from_list("between", of_objectives(2)[::-1])
+        shade = ScalarMappable(Normalize(0, 1), colors)
+        figure.colorbar(shade, ax=plots[0], label=weight(names[0]))
+    else:
+        color_key(plots[0], names)
     legend_outside(figure)
     return figure
 
 
-def most_conflicting(front: Front) -> list[tuple[int, int]]:
-    """Return the pairs of objectives that conflict most, at most MOST_PAIRS, in their order."""
-    pairs = list(combinations(range(len(front.objectives)), 2))
-    conflict = conflicts(front.returns[front.non_dominated])
-    ranked = sorted(pairs, key=lambda pair: -conflict[pair])
-    return sorted(ranked[:MOST_PAIRS])
-
-
 def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes, tuple[int, int]]:
     """Plot the pair of objectives that conflicts most, in inches; returns its indices too."""
-    x, y = most_conflicting_pair(front.returns[front.non_dominated])
+    ((x, y),) = conflicting_pairs(front.returns[front.non_dominated])
     figure = blank(width, height, "")
     axes = figure.add_subplot()
     _pair(axes, front, x, y, SIZE, {})
@@ -191,12 +178,9 @@ def fronts_figure(
     """
     first = next(iter(fronts.values()))
     joined = len(first.objectives) == 2
-    pairs = most_conflicting(first)
-    if width is None:
-        figure, plots = panels(len(pairs), COLUMNS, (4.2, 3.9), title)
-    else:
-        figure, rows, columns = printed(width, len(pairs), len(fronts), title)
-        plots = [figure.add_subplot(rows, columns, cell + 1) for cell in range(len(pairs))]
+    pairs = conflicting_pairs(first.returns[first.non_dominated], MOST_PAIRS)
+    plot, entries = (4.2, 3.9), len(fronts)
+    figure, plots = panels(len(pairs), COLUMNS, plot, title, width=width, entries=entries)
     shown = np.concatenate([each.returns[each.non_dominated] for each in fronts.values()])
     for axes, (x, y) in zip(plots, pairs, strict=True):
         for (name, front), look in zip(fronts.items(), distinct(len(fronts)), strict=True):
@@ -257,7 +241,7 @@ def designs_figure(
     `designs` are (n, d), and `parameters` have units, such as "thigh (m)". Axes are the two
     objectives that conflict most.
     """
-    pair = most_conflicting_pair(returns)
+    (pair,) = conflicting_pairs(returns)
     x, y = returns[:, pair].T
     line = usual[usual[:, pair[0]].argsort()][:, pair]
     across, up = (returned(objectives[k]) for k in pair)
@@ -299,23 +283,21 @@ def returns_figure(front: Front, title: str = "") -> Figure:
     map of the simplex, whose corners put all weight on one objective. With more, each is plotted
     against its own weight.
     """
-    draw = {2: _curves, 3: _maps}.get(len(front.objectives), _own_weights)
-    return draw(front, title)
-
-
-def _curves(front: Front, title: str) -> Figure:
-    figure = blank(5.4, 5.2, title)
-    order = front.tradeoffs[:, 0].argsort()
-    panels = figure.subplots(2, 1, sharex=True)
-    for k, (axes, name) in enumerate(zip(panels, front.objectives, strict=True)):
-        x, y = front.tradeoffs[order, 0], front.returns[order, k]
-        best = front.non_dominated[order]
-        axes.plot(x, y, color="0.6", lw=0.8)
-        points(axes, x, y, best, 10, of_objectives(2)[k])
-        axes.set_ylabel(returned(name))
+    m, names = len(front.objectives), front.objectives
+    if m == 3:
+        return _maps(front, title)
+    colors, best, order = of_objectives(m), front.non_dominated, front.tradeoffs[:, 0].argsort()
+    columns, size = (1, (5.4, 2.6)) if m == 2 else (3, (3.4, 3.5))
+    figure, plots = panels(m, columns, size, title)
+    for k, axes in enumerate(plots):
+        across = 0 if m == 2 else k
+        x, y = front.tradeoffs[:, across], front.returns[:, k]
+        if m == 2:
+            axes.plot(x[order], y[order], color="0.6", lw=0.8)
+        points(axes, x, y, best, 10, colors[k])
+        axes.set(xlabel=weight(names[across]), ylabel=returned(names[k]), ylim=limits(y[best]))
         lattice(axes)
-        tint(axes, of_objectives(2)[0], of_objectives(2)[k])
-    panels[1].set_xlabel(weight(front.objectives[0]))
+        tint(axes, colors[across], colors[k])
     legend_outside(figure)
     return figure
 
@@ -344,15 +326,43 @@ def _maps(front: Front, title: str) -> Figure:
     return figure
 
 
-def _own_weights(front: Front, title: str) -> Figure:
-    m = len(front.objectives)
-    colors, best = of_objectives(m), front.non_dominated
-    figure, plots = panels(m, 3, (3.4, 3.5), title)
-    for k, (axes, name) in enumerate(zip(plots, front.objectives, strict=True)):
-        x, y = front.tradeoffs[:, k], front.returns[:, k]
-        points(axes, x, y, best, 10, colors[k])
-        axes.set(xlabel=f"weight of {name}", ylabel=returned(name), ylim=limits(y[best]))
+def hypervolume_figure(
+    histories: Sequence[Any], title: str = "", width: float | None = None
+) -> Figure:
+    """Plot hypervolume against environment steps and against training seconds.
+
+    Several runs are thin lines, overlaid with their median and interquartile range. Each is a
+    `runs.progress.History`.
+    """
+    figure, plots = panels(2, 2, (4.5, 3.7), title, width=width)
+    for axes, (name, label) in zip(plots, SCALES, strict=True):
+        curves = [(getattr(history, name), history.hypervolume) for history in histories]
+        several = len(curves) > 1
+        for k, (x, y) in enumerate(curves):
+            look = {"color": "0.55", "lw": 0.7} if several else {"color": INK, "marker": "o"}
+            axes.plot(x, y, ms=3.5, **look, label="single run" if several and k == 0 else None)
+        if several:
+            steps, low, middle, high = quartile_band(curves)
+            style = {"color": INK, "alpha": 0.25, "lw": 0, "label": "interquartile range"}
+            axes.fill_between(steps, low, high, **style)
+            axes.plot(steps, middle, color=INK, lw=2, label=f"median of {len(curves)} runs")
+        axes.set_xlabel(label)
         lattice(axes)
-        tint(axes, colors[k], colors[k])
-    legend_outside(figure)
+    plots[1].sharey(plots[0])
+    plots[1].tick_params(labelleft=False)
+    plots[0].set_ylabel("hypervolume")
+    if len(histories) > 1:
+        plots[1].legend(loc="lower right")
     return figure
+
+
+def quartile_band(curves: Sequence[tuple[NDArray, NDArray]]) -> NDArray:
+    """Return x and the quartiles of curves (x, y), (4, E), where all curves have data.
+
+    There is a column for every x of a curve. Other curves are interpolated linearly.
+    """
+    start, end = max(x[0] for x, _ in curves), min(x[-1] for x, _ in curves)
+    grid = np.unique(np.concatenate([x for x, _ in curves]))
+    grid = grid[(grid >= start) & (grid <= end)]
+    values = [np.interp(grid, x, y) for x, y in curves]
+    return np.vstack([grid, np.quantile(values, (0.25, 0.5, 0.75), axis=0)])

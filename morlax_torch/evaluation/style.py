@@ -15,9 +15,11 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from ...host.files import replacing
-from .colors import INK, mixed, of_objectives
+from ..host.files import replacing
 
+# of objectives, by Okabe and Ito: distinct to color-blind readers too
+PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
+INK = "#495057"
 RUNS = "viridis"  # perceptually uniform, and unlike the colors of objectives
 DOMINATED = {"s": 7, "color": "0.7", "lw": 0, "label": "dominated"}  # crosses mean falls
 NON_DOMINATED = "_non-dominated"  # a label that no legend shows
@@ -77,20 +79,28 @@ def blank(width: float, height: float, title: str) -> Figure:
 
 
 def panels(
-    number: int, columns: int, size: tuple[float, float], title: str, room: float = 0.0
+    number: int,
+    columns: int,
+    size: tuple[float, float],
+    title: str,
+    room: float = 0.0,
+    width: float | None = None,
+    entries: int = 0,
 ) -> tuple[Figure, list[Axes]]:
-    """Create a figure of so many plots of a size, and `room` beside them, in inches."""
-    rows, columns = -(-number // columns), min(number, columns)
-    figure = blank(size[0] * columns, size[1] * rows + room, title)
+    """Create a figure of so many plots of a size, and `room` beside them, in inches.
+
+    To print, the figure has a `width` instead, and room for the entries of a legend.
+    """
+    if width is None:
+        columns = min(number, columns)
+        figure = blank(size[0] * columns, size[1] * -(-number // columns) + room, title)
+    else:
+        columns = max(1, min(number, int(width / NARROWEST)))
+        lines = -(-entries // max(1, int(width / PRINTED_ENTRY)))
+        height = PRINTED_HEIGHT * -(-number // columns) * width / columns
+        figure = blank(width, height + PRINTED_LINE * lines, title)
+    rows = -(-number // columns)
     return figure, [figure.add_subplot(rows, columns, cell + 1) for cell in range(number)]
-
-
-def printed(width: float, plots: int, entries: int, title: str) -> tuple[Figure, int, int]:
-    """Create a figure with room for plots and entries of a legend; returns its rows and columns."""
-    columns = max(1, min(plots, int(width / NARROWEST)))
-    rows, lines = -(-plots // columns), -(-entries // max(1, int(width / PRINTED_ENTRY)))
-    figure = blank(width, PRINTED_HEIGHT * rows * width / columns + PRINTED_LINE * lines, title)
-    return figure, rows, columns
 
 
 def lattice(axes: Axes) -> None:
@@ -139,6 +149,11 @@ def letter(axes: Axes, name: str, text: str, point: NDArray, number: int) -> Non
     axes.annotate(name, (point[0], point[1]), fontweight="bold", path_effects=halo, **style)
 
 
+def of_objectives(m: int) -> list[str]:
+    """Return a color for each objective, as #rrggbb."""
+    return [PALETTE[i % len(PALETTE)] for i in range(m)]
+
+
 def distinct(number: int) -> list[dict[str, Any]]:
     shades = mpl.colormaps[RUNS]([0.85 * k / max(number - 1, 1) for k in range(number)])
     return [
@@ -166,7 +181,9 @@ def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
     objective with the largest weight gives its own.
     """
     m = tradeoffs.shape[1]
-    return mixed(tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)])
+    weights = tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)]
+    shares = weights / weights.sum(1, keepdims=True)
+    return shares @ [to_rgb(color) for color in of_objectives(m)]
 
 
 def color_key(axes: Axes, names: Sequence[str]) -> None:
