@@ -42,10 +42,7 @@ class UnknownOption(MorlaxError, TypeError):
 
 
 def checked_actions(actions: Tensor | NDArray, shape: Size, device: torch.device) -> Tensor:
-    """Check the type, shape and device of actions; their values are not checked.
-
-    Arrays are converted if the worlds are on the CPU. On a GPU, every step would copy them.
-    """
+    """Check type, shape and device of actions, not their values; on the CPU, convert arrays."""
     if isinstance(actions, np.ndarray) and device.type == "cpu" and actions.dtype.kind in "biuf":
         actions = torch.from_numpy(np.array(actions, np.float32, order="C"))
     if not isinstance(actions, Tensor):

@@ -33,10 +33,7 @@ class Comparisons(Protocol):
 
 
 class PolicyComparisons:
-    """Compare policies of a front to find the one that the user likes best.
-
-    The two robots have the policies of that front; their trade-offs are set.
-    """
+    """Compare policies of a front with two robots to find the one that the user likes best."""
 
     def __init__(self, front: Front, sessions: tuple[Session, Session], seed: int = 0):
         self._preference = Preference(front, seed)

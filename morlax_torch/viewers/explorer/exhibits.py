@@ -22,6 +22,8 @@ from .session import Behavior, Put, Session, Weights
 MOST = 4  # robots
 TRADEOFFS = 33  # of the front of a new body: few, so that it follows soon
 Wanted = tuple[dict[str, float], str, dict[str, float]]  # arguments of `Chooser.choose`
+SCAN = 3.0  # s between searches for new runs
+Request = dict[str, Any]  # "act", and the fields of that act
 
 
 def _aside(work: Callable[[], Any], put: Put, end: Callable[[Any], None]) -> None:
@@ -38,14 +40,11 @@ def _aside(work: Callable[[], Any], put: Put, end: Callable[[Any], None]) -> Non
 
 
 class Lineup:
-    """The robots of a run, of which users steer one; all have the same body.
-
-    `stale` is whether the page shows the front of a former body.
-    """
+    """The robots of a run, of which users steer one; all have the same body."""
 
     def __init__(self, session: Session, put: Put):
         self.sessions, self.selected = [session], 0
-        self.stale = False
+        self.stale = False  # whether the page shows the front of a former body
         self._put, self._measuring = put, False
 
     @property
@@ -188,10 +187,6 @@ class Thresholds:
             self._steer(result.tradeoff)
 
 
-SCAN = 3.0  # s between searches for new runs
-Request = dict[str, Any]  # "act", and the fields of that act
-
-
 class Exhibit(Protocol):
     """Robots, and what users may do with them.
 
@@ -242,10 +237,7 @@ class ComparisonExhibit:
 
 
 class RunExhibit:
-    """A run's robots: one, several to compare, or the two of "A or B?".
-
-    `put` queues calls of other threads that use the robots. For errors see `Session.open`.
-    """
+    """A run's robots, or two of "A or B?"; `put` queues calls of other threads that use them."""
 
     def __init__(self, choice: library.Choice, put: Put):
         self._put, self._scanned = put, -SCAN

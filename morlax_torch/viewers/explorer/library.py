@@ -17,10 +17,7 @@ def _folders() -> dict[str, Path]:
 
 
 def labels() -> dict[str, str]:
-    """Return the labels of the shipped policies, then of the runs, by name.
-
-    A label other than the name ends with the reason why that run cannot be shown.
-    """
+    """Return labels by name, shipped policies first; some end with why a run cannot be shown."""
     return {name: name + _reason(folder) for name, folder in _folders().items()}
 
 

@@ -85,8 +85,7 @@ class Clip(Behavior):
         super().__init__(model, model, mujoco.MjData(model), dt)
         self._qpos = np.asarray(qpos, dtype=np.float64)
         shape = self._qpos.shape
-        fits = len(shape) == 2 and shape[0] > 0 and shape[1] == model.nq
-        if not fits or not np.isfinite(self._qpos).all():
+        if shape[1:] != (model.nq,) or not self._qpos.size or not np.isfinite(self._qpos).all():
             raise MorlaxError(f"a clip needs finite positions (T, {model.nq}), not of {shape}.")
         self.reset()
 
@@ -249,10 +248,7 @@ def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
 
 
 def contact_arrows(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
-    """Return arrows (n, 2, 3) of the forces at each contact, as the ground pushes the robot.
-
-    They are at most as long as the robot, because impacts are many times a weight.
-    """
+    """Return arrows (n, 2, 3) of the forces by which the ground pushes the robot at contacts."""
     size = float(model.stat.extent)
     newtons = float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
     arrows, force = np.zeros((data.ncon, 2, 3)), np.zeros(6)
@@ -261,6 +257,7 @@ def contact_arrows(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.flo
         contact = data.contact[i]
         push = contact.frame.reshape(3, 3).T @ force[:3]
         push *= np.copysign(WEIGHT * size / max(newtons, 1e-9), push[2])
+        # no longer than the robot, because impacts are many times a weight
         push *= min(1.0, size / max(float(np.linalg.norm(push)), 1e-12))
         arrows[i] = contact.pos, contact.pos + push
     return arrows

@@ -32,6 +32,20 @@ LONGEST = 3600.0  # simulated seconds of a film
 MOST_PICTURES = 100
 LINGER = 1.0  # seconds that a film continues after every robot has failed
 MARK = 9  # pixels from the middle of a sweep's mark to its edge, on a panel of 360 lines
+# The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
+_ENCODERS = {
+    ".mp4": (
+        *("-f", "mp4", "-codec:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p"),
+        *("-movflags", "+faststart", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"),
+    ),
+    ".gif": (
+        *("-f", "gif", "-vf"),
+        "split[a][b];[a]palettegen=max_colors=96[p];[b][p]paletteuse=dither=none",
+    ),
+}
+FASTEST = {".mp4": 30.0, ".gif": 20.0}  # frames per second, at most
+UNSEEN = 3  # of 255: a smaller change of a pixel is left out of a GIF, which then compresses better
+ENDINGS = tuple(_ENCODERS)
 
 
 class Film:
@@ -211,10 +225,7 @@ class Take:
 
 
 class Sweep(Film):
-    """One robot that goes from each objective alone to the next, beside a plot of the front.
-
-    It starts anew if it fails. A ring marks the nearest evaluated trade-off.
-    """
+    """One robot that goes from each objective alone to the next, beside a plot of the front."""
 
     def __init__(
         self, policy: Policy, front: Front, width: int = 480, height: int = 360, seed: int = 0
@@ -249,22 +260,6 @@ class Sweep(Film):
         box = (x - size, picture.height - y - size, x + size, picture.height - y + size)
         ImageDraw.Draw(picture).ellipse(box, outline=panels.INK, width=max(2, round(size / 3)))
         return picture
-
-
-# The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
-_ENCODERS = {
-    ".mp4": (
-        *("-f", "mp4", "-codec:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p"),
-        *("-movflags", "+faststart", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"),
-    ),
-    ".gif": (
-        *("-f", "gif", "-vf"),
-        "split[a][b];[a]palettegen=max_colors=96[p];[b][p]paletteuse=dither=none",
-    ),
-}
-FASTEST = {".mp4": 30.0, ".gif": 20.0}  # frames per second, at most
-UNSEEN = 3  # of 255: a smaller change of a pixel is left out of a GIF, which then compresses better
-ENDINGS = tuple(_ENCODERS)
 
 
 def record(

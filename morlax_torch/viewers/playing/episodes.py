@@ -38,6 +38,8 @@ EVENT = struct.Struct("IhBB")  # of a joystick in Linux: ms, value, kind, number
 BUTTON, AXIS = 1, 2
 STICKS = {1: 0, 0: 1, 3: 2}  # axis of a gamepad: entry of the command
 FULL = 32767  # of a stick's value
+SIZE = 480, 360  # pixels of a film
+FASTEST = 30.0  # frames per second of a film
 
 
 class Policy:
@@ -105,10 +107,7 @@ class Wishes:
 
 
 class Steering:
-    """The command (3,) that a user holds, and the trade-off that he or she slides to.
-
-    Trade-offs are the balanced one and, in turn, each objective alone.
-    """
+    """The command (3,) that a user holds, and the trade-off: balanced or one objective alone."""
 
     def __init__(self, deployment: Export, policy: Policy):
         self._low, self._high = np.array(deployment.settings.limits).T
@@ -172,10 +171,6 @@ class Gamepad:
                 return []
         complete = len(data) // EVENT.size * EVENT.size
         return [data[start : start + EVENT.size] for start in range(0, complete, EVENT.size)]
-
-
-SIZE = 480, 360  # pixels of a film
-FASTEST = 30.0  # frames per second of a film
 
 
 class Episode(NamedTuple):

@@ -24,6 +24,16 @@ from ...host.files import read
 
 Values = list[float]
 Range = tuple[float, float]
+Array = NDArray[np.float64]
+JOINT = mujoco.mjtObj.mjOBJ_JOINT
+FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
+RISE = 0.02  # m of the base above its default pose at the start
+PAUSES = 1.0, 3.0  # s between two pushes, as in mjlab's training
+BROKEN = (  # of which MuJoCo warns before it resets the state
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
 
 
 class Term(BaseModel):
@@ -138,18 +148,6 @@ def open_export(path: Path) -> Export:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"cannot load the model {archive}: {reason}.") from None
     return Export(settings, model, folder / settings.policy if path == folder else path)
-
-
-Array = NDArray[np.float64]
-JOINT = mujoco.mjtObj.mjOBJ_JOINT
-FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
-RISE = 0.02  # m of the base above its default pose at the start
-PAUSES = 1.0, 3.0  # s between two pushes, as in mjlab's training
-BROKEN = (  # of which MuJoCo warns before it resets the state
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
 
 
 @dataclass

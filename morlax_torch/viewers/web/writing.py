@@ -32,7 +32,7 @@ from .. import libraries
 from ..describing import array_bytes, described_task, drawn_arrays, front_map
 from ..player import PUSH
 from .recording import storage
-from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, check, trace
+from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, cannot, check, trace
 
 # Arrays of mjModel that the physics depends on, and the names that their versions share.
 PHYSICAL = re.compile(
@@ -41,6 +41,11 @@ PHYSICAL = re.compile(
 )
 # MuJoCo 4.0 writes this attribute also where it says nothing; 3.14 then refuses the file.
 INPUT_OF_PLAIN_ACTUATORS = re.compile(r"(<general\b[^>]*?) input=\"[^\"]*\"")
+START = "start.bin"  # a recording, which the page shows until it has loaded the robot itself
+SECONDS = 5.0  # of the recording; an episode that ends earlier is recorded to its end
+FRAME = 0.02  # s between its frames, or a control step if that is longer
+STARTS = 16  # initial states on the page, where a task draws them at random
+NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
 
 
 class WebModel(NamedTuple):
@@ -56,18 +61,14 @@ def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjMo
     """Compile a task's model, in any way that MuJoCo offers, and describe it."""
     with _watching() as made:
         model = task.compile_model(options)
-    name = f"{task.__name__} cannot run in a browser"
     if not made:
-        raise MorlaxError(
-            f"{name}: its load_model() must compile the model with MjModel.from_xml_path, "
-            "MjModel.from_xml_string or MjSpec.compile."
-        )
+        ways = "MjModel.from_xml_path, MjModel.from_xml_string or MjSpec.compile"
+        raise cannot(task, f"its load_model() must compile the model with {ways}")
     spec = next((spec for compiled, spec in made if compiled is model), made[-1][1])
     try:
         return model, _portable(model, spec)
     except (ValueError, OSError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise MorlaxError(f"{name}: {reason}.") from None
+        raise cannot(task, str(error)) from None
 
 
 def _portable(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
@@ -133,13 +134,6 @@ def _flattened(spec: mujoco.MjSpec) -> Iterator[tuple[str, bytes]]:
                 names[path] = f"asset-{len(names)}{file.suffix.lower()}"
                 yield names[path], stored[file.name] if file.name in stored else path.read_bytes()
             element.file = names[path]
-
-
-START = "start.bin"  # a recording, which the page shows until it has loaded the robot itself
-SECONDS = 5.0  # of the recording; an episode that ends earlier is recorded to its end
-FRAME = 0.02  # s between its frames, or a control step if that is longer
-STARTS = 16  # initial states on the page, where a task draws them at random
-NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
 
 
 def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> int:
