@@ -22,7 +22,7 @@ class LearnedReward(nn.Module):
     """An ensemble of E small networks that rate control steps; the reward is their mean.
 
     A step is the observation before it, its action, and the observation after it.
-    `viewers.preferences.reward.fit` trains one from comparisons (Christiano et al., 2017).
+    `viewers.preferences.teaching.fit` trains one from comparisons (Christiano et al., 2017).
     """
 
     mean: Tensor

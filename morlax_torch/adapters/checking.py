@@ -22,11 +22,7 @@ from ..host.resources import one_thread
 
 
 def require(name: str, package: str, least: str, extra: str) -> None:
-    """Check that a library, PyPI's `package`, is installed by our `extra` and recent enough.
-
-    Raises:
-        MorlaxError: the library is missing, or older than `least`.
-    """
+    """Check that a library, PyPI's `package`, is installed by our `extra` and recent enough."""
     try:
         version = metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -45,28 +41,8 @@ class UnknownOption(MorlaxError, TypeError):
     """
 
 
-def check_options(task: str, options: Iterable[str]) -> None:
-    """Check that a task has these options; their values are not checked.
-
-    Raises:
-        UnknownOption: the task has no such option.
-        MorlaxError: there is no such task.
-    """
-    fields = envs.get(task).Options.model_fields
-    for name in options:
-        if name not in fields:
-            advice = unknown("option", name, fields)
-            raise UnknownOption(f"{advice} ({task} got an unexpected keyword argument {name!r})")
-
-
 def checked_actions(actions: Tensor | NDArray, shape: Size, device: torch.device) -> Tensor:
-    """Check the type, shape and device of actions; their values are not checked.
-
-    Arrays are converted if the worlds are on the CPU. On a GPU, every step would copy them.
-
-    Raises:
-        MorlaxError: `actions` is not a tensor, or has another shape or device.
-    """
+    """Check type, shape and device of actions, not their values; on the CPU, convert arrays."""
     if isinstance(actions, np.ndarray) and device.type == "cpu" and actions.dtype.kind in "biuf":
         actions = torch.from_numpy(np.array(actions, np.float32, order="C"))
     if not isinstance(actions, Tensor):
@@ -108,20 +84,14 @@ class Stepping:
 
 
 def one_seed(seeds: Sequence[int], number: int) -> int:
-    """Mix the seeds of N worlds into one, because one generator draws for all of them.
-
-    Raises:
-        MorlaxError: there are not N seeds, or they are not integers from 0.
-    """
+    """Mix the seeds of N worlds into one, because one generator draws for all of them."""
     try:
         if len(seeds) == number:
             return int(np.random.SeedSequence(seeds).generate_state(1, np.uint64)[0])
     except (TypeError, ValueError):
         pass
-    raise MorlaxError(
-        f"reset needs one seed, an integer from 0, or one for each of the {number} worlds, not "
-        f"{shortened(seeds)}."
-    )
+    needed = f"an integer from 0, or one for each of the {number} worlds"
+    raise MorlaxError(f"the seed of reset must be {needed}, not {shortened(seeds)}.")
 
 
 def box(size: int, limit: float = np.inf) -> gymnasium.spaces.Box:
@@ -133,6 +103,7 @@ class OneTask:
     """Rewards and resets, which one world and N worlds as Gymnasium environments share."""
 
     worlds: Worlds
+    metadata: dict[str, Any]
     _spec: EnvSpec | None = None
     np_random: np.random.Generator  # Gymnasium's, which draws the seed of the worlds
     _weights: Tensor | None = None  # (m,)
@@ -148,6 +119,17 @@ class OneTask:
         # The registered spec has no time limit, or Gymnasium would wrap this in a second one.
         self._spec = spec and replace(spec, max_episode_steps=self.worlds.episode_length)
 
+    def _check(self, task: str, options: Iterable[str], render_mode: str | None) -> None:
+        """Check the names of the render mode and of a task's options, not the options' values."""
+        modes, fields = self.metadata["render_modes"], envs.get(task).Options.model_fields
+        if render_mode not in (None, *modes):
+            raise unknown("render mode", render_mode, modes)
+        for name in options:
+            if name not in fields:
+                advice = unknown("option", name, fields)
+                words = f"{task} got an unexpected keyword argument {name!r}"
+                raise UnknownOption(f"{advice} ({words})")
+
     def _show(self, worlds: Worlds, tradeoff: Sequence[float] | None) -> None:
         self.objectives, self.reward_space = worlds.objectives, box(len(worlds.objectives))
         if tradeoff is not None:
@@ -157,9 +139,7 @@ class OneTask:
     def _restart(self, seed: int | None, options: dict[str, Any] | None) -> Tensor:
         """Reset the worlds after Gymnasium's own part; returns the observation (N, O)."""
         if options:
-            raise MorlaxError(
-                f"reset takes no options, but got {', '.join(map(repr, options))}: leave them out."
-            )
+            raise MorlaxError(f"reset takes no options, but got {shortened(options)}.")
         if seed is not None or not self._was_reset:
             self.worlds.reseed(int(self.np_random.integers(2**63)))
         self._was_reset = True

@@ -1,19 +1,91 @@
-"""One world as a Gymnasium environment in numpy, with rendering."""
+"""One world as a Gymnasium environment in numpy, with pictures and a window in real time."""
 
+import time
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 import torch
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
 
 from .. import envs
-from ..envs import MorlaxError
-from ..envs.errors import shortened, unknown
-from .checking import OneTask, box, check_options
-from .pictures import Pictures, Window
+from ..envs import MorlaxError, Robot
+from ..envs.errors import shortened
+from ..viewers.camera import FollowingCamera
+from ..viewers.filming.rendering import Scene
+from .checking import OneTask, box
+
+
+class Pictures:
+    """Draws a robot. It opens OpenGL with the first picture."""
+
+    def __init__(self, robot: Robot, width: int, height: int):
+        model = robot.physics.model
+        self.data = mujoco.MjData(model)
+        self._model, self._size = model, (width, height)
+        self._scene: Scene | None = None
+        # all pictures share the camera's distance, which is chosen by the model's own pose
+        mujoco.mj_forward(model, self.data)
+        self._camera = FollowingCamera(model, width / height, base=robot.base)
+        self._camera.restart(self.data)
+
+    def pose(self, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
+        """Put the robot into a state, qpos (nq,) and qvel (nv,); returns `data`."""
+        self.data.qpos[:] = qpos.cpu().numpy()
+        self.data.qvel[:] = qvel.cpu().numpy()
+        mujoco.mj_forward(self._model, self.data)
+        return self.data
+
+    def draw(self, qpos: Tensor, qvel: Tensor) -> NDArray[np.uint8]:
+        """Return a picture of the robot in a state, (height, width, 3) RGB."""
+        if self._scene is None:
+            self._scene = Scene(self._model, *self._size)
+        data, camera = self.pose(qpos, qvel), self._camera.camera
+        camera.lookat[:] = data.subtree_com[self._camera.base]
+        return self._scene.draw(data, camera)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._scene is not None:
+            self._scene.close()
+        self._scene = None
+
+
+class Window:
+    """MuJoCo's passive viewer, which shows a state that its caller changes in place every dt s."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
+        import glfw
+        import mujoco.viewer
+
+        # check first: MuJoCo's viewer would fail in its own thread while its caller waits forever
+        with warnings.catch_warnings(action="ignore"):
+            has_screen = glfw.init()
+        if not has_screen:
+            raise MorlaxError("there is no screen here: use 'rgb_array'.")
+        try:
+            self._viewer = mujoco.viewer.launch_passive(
+                model, data, show_left_ui=False, show_right_ui=False
+            )
+        except RuntimeError as error:  # macOS opens windows only under mjpython
+            raise MorlaxError(f"MuJoCo cannot open a window here: {error}.") from None
+        self._dt, self._due = dt, time.monotonic()
+
+    def show(self) -> None:
+        """Show the current state of `data`, at least `dt` seconds after the previous call."""
+        time.sleep(max(0.0, self._due - time.monotonic()))
+        self._due = max(self._due, time.monotonic()) + self._dt
+        if self._viewer.is_running():
+            self._viewer.sync()
+
+    def close(self) -> None:
+        """Close the window."""
+        self._viewer.close()
 
 
 class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
@@ -56,9 +128,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         EzPickle.__init__(
             self, task, tradeoff, render_mode, width, height, model_seed, **task_options
         )
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise unknown("render mode", render_mode, self.metadata["render_modes"])
-        check_options(task, task_options)
+        self._check(task, task_options, render_mode)
         self.worlds = worlds = envs.make_robot(task, model_seed, **task_options)
         self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
         self.render_mode = render_mode
@@ -136,8 +206,5 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         except (TypeError, ValueError):  # a tensor on the GPU, ragged rows, strings
             numbers = np.empty(0)
         if numbers.shape != (size,) or not np.isfinite(numbers).all():
-            raise MorlaxError(
-                f"an action must be a numpy array of {size} finite numbers, not "
-                f"{shortened(action)}."
-            )
+            raise MorlaxError(f"an action is of {size} finite numbers, not {shortened(action)}.")
         return torch.tensor(numbers)

@@ -14,9 +14,8 @@ from torch import Tensor
 
 from .. import envs
 from ..envs import Environment, MorlaxError
-from ..envs.errors import unknown
-from .checking import OneTask, Stepping, box, check_options, one_seed
-from .pictures import Pictures
+from .checking import OneTask, Stepping, box, one_seed
+from .gymnasium_single import Pictures
 
 
 class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
@@ -70,11 +69,9 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         model_seed: int | None = 0,
         **task_options: Any,
     ):
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise unknown("render mode", render_mode, self.metadata["render_modes"])
         if max_episode_steps is not None:
             task_options = {"episode_length": max_episode_steps, **task_options}
-        check_options(task, task_options)
+        self._check(task, task_options, render_mode)
         seed = secrets.randbits(32) if model_seed is None else model_seed
         self.worlds = worlds = envs.make(task, num_envs, device, backend, seed, **task_options)
         self.num_envs, self.device = num_envs, worlds.device

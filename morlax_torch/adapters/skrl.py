@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
-import numpy as np
 import torch
 from torch import Tensor
 
-from .checking import require
+from .checking import box, require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium_vector import GymnasiumVectorEnv
 
@@ -55,10 +54,8 @@ class SkrlEnv(GymnasiumWrapper):
     def state_space(self) -> gymnasium.Space | None:
         """The state space of one world, (O + P,); None without privileged features."""
         worlds = self.vector.worlds
-        if not worlds.privileged_size:
-            return None
         size = worlds.observation_size + worlds.privileged_size
-        return gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        return box(size) if worlds.privileged_size else None
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Advance every world by one control step under actions (N, A), without leaving the device.

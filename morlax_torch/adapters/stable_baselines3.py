@@ -111,18 +111,12 @@ class StableBaselines3VecEnv(VecEnv):
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise MorlaxError(
-            f"{attr_name} cannot be set, since the worlds are one batch: pass options to the "
-            "constructor."
-        )
+        raise MorlaxError(f"{attr_name} cannot be set: pass options to the constructor.")
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        raise MorlaxError(
-            f"{method_name} cannot be called on single worlds, since they are one batch: call it "
-            "on `env.vector`."
-        )
+        raise MorlaxError(f"{method_name} cannot be called on one world: use `env.vector`.")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None

@@ -59,7 +59,20 @@ class TorchRLEnv(EnvBase):
         super().__init__(device=worlds.device, batch_size=torch.Size([num_envs]))
         self.worlds, self.objectives = worlds, worlds.objectives
         self._arguments = (task, num_envs, str(worlds.device), backend, model_seed), task_options
-        self._declare()
+        batch, device = self.batch_size, worlds.device
+
+        def numbers(size: int) -> Unbounded:
+            return Unbounded(torch.Size([*batch, size]), dtype=torch.float32, device=device)
+
+        self.observation_spec = Composite(
+            observation=numbers(worlds.observation_size), shape=batch, device=device
+        )
+        actions = torch.Size([*batch, worlds.action_size])
+        self.action_spec = Bounded(-1, 1, actions, device, torch.float32)
+        self.reward_spec = numbers(len(worlds.objectives))
+        flag = Categorical(2, torch.Size([*batch, 1]), device=device, dtype=torch.bool)
+        flags = {name: flag.clone() for name in ("done", "terminated", "truncated")}
+        self.full_done_spec = Composite(flags, shape=batch, device=device)
         self._was_reset = False
         self._stepping = Stepping(worlds)
         self._which = torch.zeros(num_envs, dtype=torch.bool, device=worlds.device)
@@ -77,30 +90,8 @@ class TorchRLEnv(EnvBase):
     def to(self, device: str | torch.device) -> "TorchRLEnv":
         """Return the environment itself if it is already on the device; worlds cannot move."""
         if envs.resolve_device(device) != self.worlds.device:
-            raise MorlaxError(
-                f"the worlds are on {self.worlds.device} and cannot move to {device}: pass "
-                "device= to the constructor."
-            )
+            raise MorlaxError(f"worlds cannot move to {device}: pass device= to the constructor.")
         return self
-
-    def _declare(self) -> None:
-        worlds, each, device = self.worlds, self.batch_size, self.worlds.device
-
-        def flags() -> Categorical:
-            return Categorical(2, torch.Size([*each, 1]), device=device, dtype=torch.bool)
-
-        def numbers(size: int) -> Unbounded:
-            return Unbounded(torch.Size([*each, size]), dtype=torch.float32, device=device)
-
-        self.observation_spec = Composite(
-            observation=numbers(worlds.observation_size), shape=each, device=device
-        )
-        actions = torch.Size([*each, worlds.action_size])
-        self.action_spec = Bounded(-1, 1, actions, device, torch.float32)
-        self.reward_spec = numbers(len(worlds.objectives))
-        self.full_done_spec = Composite(
-            done=flags(), terminated=flags(), truncated=flags(), shape=each, device=device
-        )
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDict:
         which = None if tensordict is None else tensordict.get("_reset", None)

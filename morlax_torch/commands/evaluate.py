@@ -86,7 +86,7 @@ def _portrait(policy: "Policy") -> bytes | None:
     try:
         from PIL import Image
 
-        from ..viewers.filming.film import Film
+        from ..viewers.filming.recording import Film
 
         equal = [1.0] * len(policy.objectives)
         film = Film(copy.deepcopy(policy).cpu(), [equal], width=640, height=400)

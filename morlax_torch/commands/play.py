@@ -49,10 +49,8 @@ class Play(Section):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Play, arguments)
-    from ..viewers.playing.deployment import open_export  # imports MuJoCo
-    from ..viewers.playing.episodes import film, has_display, run, show
-    from ..viewers.playing.robot import Disturbances
-    from ..viewers.playing.steering import HELP
+    from ..viewers.playing.episodes import HELP, film, has_display, run, show  # imports MuJoCo
+    from ..viewers.playing.robot import Disturbances, open_export
 
     seconds, seed = options.seconds, options.seed
     strengths = Disturbances(options.delay, options.noise, options.push, options.friction)

@@ -125,10 +125,7 @@ def shown_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
 
 def robot_geoms(model: mujoco.MjModel, base: int) -> NDArray[np.intp]:
-    """Return the shown geoms that move with the kinematic tree of the robot's base.
-
-    Every geom that moves if that tree has none; every geom that has a size if nothing moves.
-    """
+    """Return the shown geoms of the base's tree; else all that move; else all with a size."""
     moves = model.body_weldid[model.geom_bodyid] > 0
     sized = (model.geom_rbound > 0) & shown_geoms(model)
     ours = model.body_rootid[model.geom_bodyid] == model.body_rootid[base]

@@ -108,10 +108,7 @@ def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> d
 
 
 def array_bytes(arrays: dict[str, NDArray], **numbers: float) -> bytes:
-    """Return numbers and arrays, as 32-bit floats or integers: a JSON header, then their bytes.
-
-    The page's `arraysOf` reads them.
-    """
+    """Return numbers and arrays (32-bit) for the page's `arraysOf`: a JSON header, then bytes."""
     header, parts, at = {}, [], 0
     for name, values in arrays.items():
         kind = np.float32 if values.dtype.kind == "f" else np.int32

@@ -25,15 +25,7 @@ class Library(NamedTuple):
     version: str
     sha512: str  # of the archive, in base64
     files: dict[str, str]  # path in the archive -> name in the page's folder
-    license: str  # its path in the archive, or our copy of the text if the archive has none
-
-    @property
-    def archive(self) -> str:
-        return f"{self.package.split('/')[-1]}-{self.version}.tgz"
-
-    @property
-    def address(self) -> str:
-        return f"{REGISTRY}/{self.package}/-/{self.archive}"
+    license: str | None = None  # our copy of the text, if the archive has none
 
 
 LIBRARIES = (
@@ -52,8 +44,8 @@ LIBRARIES = (
             "build/three.module.min.js": "three.module.min.js",
             "build/three.core.min.js": "three.core.min.js",
             "examples/jsm/controls/OrbitControls.js": "OrbitControls.js",
+            "LICENSE": "three.LICENSE.txt",
         },
-        "LICENSE",
     ),
     Library(
         "onnxruntime-web",
@@ -68,11 +60,12 @@ LIBRARIES = (
 )
 
 
-def page_files() -> dict[str, bytes]:
-    """Return the contents of the page's own files by path, such as "stage/stage.js"."""
+def page_files(*packages: str) -> dict[str, bytes]:
+    """Return the files of the page by path, such as "stage/stage.js", and those of libraries."""
     page = HERE / "page"
     paths = [path for path in page.rglob("*") if path.is_file()]
-    return {path.relative_to(page).as_posix(): path.read_bytes() for path in paths}
+    contents = {path.relative_to(page).as_posix(): path.read_bytes() for path in paths}
+    return contents | {f"libraries/{name}": data for name, data in files(*packages).items()}
 
 
 def files(*packages: str) -> dict[str, bytes]:
@@ -84,14 +77,11 @@ def files(*packages: str) -> dict[str, bytes]:
     for library in LIBRARIES:
         if packages and library.package not in packages:
             continue
-        text, wanted = HERE / "licenses" / library.license, dict(library.files)
-        name = f"{library.package.split('/')[-1]}.LICENSE.txt"
-        if text.exists():
-            contents[name] = text.read_bytes()
-        else:
-            wanted[library.license] = name
+        if library.license is not None:
+            name = f"{library.package.split('/')[-1]}.LICENSE.txt"
+            contents[name] = (HERE / "licenses" / library.license).read_bytes()
         with tarfile.open(fileobj=io.BytesIO(_archive(library)), mode="r:gz") as archive:
-            for path, name in wanted.items():
+            for path, name in library.files.items():
                 file = archive.extractfile(f"package/{path}")
                 assert file is not None, path
                 contents[name] = file.read()
@@ -104,24 +94,22 @@ def cache() -> Path:
 
 
 def _archive(library: Library) -> bytes:
-    kept = cache() / library.archive
+    name = f"{library.package.split('/')[-1]}-{library.version}.tgz"
+    kept, address = cache() / name, f"{REGISTRY}/{library.package}/-/{name}"
     if kept.is_file() and _is_intact(data := kept.read_bytes(), library):
         return data
-    phase(f"downloading {library.archive}")
+    phase(f"downloading {name}")
     try:
-        with urllib.request.urlopen(library.address, timeout=PATIENCE) as response:
+        with urllib.request.urlopen(address, timeout=PATIENCE) as response:
             data = response.read()
     except (OSError, ValueError, http.client.HTTPException) as error:
         reason = getattr(error, "reason", None) or error
         raise MorlaxError(
-            f"cannot download {library.address} ({reason}): connect to the internet once, or copy "
+            f"cannot download {address} ({reason}): connect to the internet once, or copy "
             f"this file to {kept}."
         ) from None
     if not _is_intact(data, library):
-        raise MorlaxError(
-            f"{library.address} has another SHA-512 than expected: it was changed on the way, try "
-            "another network."
-        )
+        raise MorlaxError(f"{address} was changed on the way (SHA-512): try another network.")
     make_folder(kept.parent)
     write_file(kept, data)
     return data

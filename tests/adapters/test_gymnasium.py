@@ -279,7 +279,7 @@ MISTAKES = {
     "not negative": lambda: gymnasium.make(HOPPER, tradeoff=(-1, 2)),
     "step was called before": lambda: gymnasium.make(HOPPER).step(np.zeros(4)),
     "call reset first": lambda: vector().step(torch.zeros(3, 4)),
-    "but got 'x'": lambda: gymnasium.make(HOPPER).reset(options={"x": 1}),
+    "reset takes no options": lambda: gymnasium.make(HOPPER).reset(options={"x": 1}),
     "of 4 finite numbers, not array([[0.,": lambda: step(gymnasium.make, np.zeros((1, 4))),
     "of 4 finite numbers, not [0, 0, nan, 0]": lambda: step(gymnasium.make, [0, 0, np.nan, 0]),
     "finite numbers, not tensor(": lambda: step(gymnasium.make, torch.zeros(4, device="meta")),

@@ -36,7 +36,7 @@ from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer
 from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
-from morlax_torch.viewers.filming.film import Film
+from morlax_torch.viewers.filming.recording import Film
 
 PAGES = Path(__file__).parents[2] / "docs"
 TASKS = ("design/hopper", "design/cheetah", "design/ant")

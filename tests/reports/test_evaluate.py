@@ -21,18 +21,13 @@ from morlax_torch.envs.worlds.learned import LearnedReward
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
-from morlax_torch.reports.comparison import (
-    Evaluated,
-    check_comparable,
-    names,
-    quartiles,
-)
+from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
 from morlax_torch.reports.printing import latex
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.evaluating import evaluate as evaluate_run
 from morlax_torch.runs.progress import History
-from morlax_torch.viewers.preferences import reward
+from morlax_torch.viewers.preferences import teaching
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")
 THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"
@@ -362,7 +357,7 @@ def test_figures_of_a_mistake_are_refused(words, workplace, refused):
 
 
 def test_a_report_without_opengl_has_no_picture_of_the_robot(monkeypatch, rendered):
-    from morlax_torch.viewers.filming.film import Film
+    from morlax_torch.viewers.filming.recording import Film
 
     def fail(*arguments, **options):
         raise MorlaxError("no OpenGL")
@@ -439,7 +434,7 @@ def test_runs_are_compared_if_their_worlds_agree(tmp_path, make_policy):
     policies["even"] = make_policy()
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         generator, path = torch.Generator().manual_seed(seed), tmp_path / f"{name}.pt"
-        reward.save(LearnedReward(13, 4, generator=generator), path)
+        teaching.save(LearnedReward(13, 4, generator=generator), path)
         policies[name] = make_policy(task={"objectives": objectives, "learned": str(path)})
 
     def check(*names: str) -> None:

@@ -21,7 +21,7 @@ from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
 from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.comparisons import PolicyComparisons
-from morlax_torch.viewers.explorer.lineup import Lineup, Thresholds
+from morlax_torch.viewers.explorer.exhibits import Lineup, Thresholds
 from morlax_torch.viewers.explorer.saving import Saving
 from morlax_torch.viewers.explorer.session import (
     PUSH,
@@ -130,7 +130,7 @@ def test_runs_are_listed_newest_first(workplace, make_run):
     for name, age in (("runs/hopper/old", 20), ("runs/new", 10)):
         file = make_run(workplace / name, "hopper", "best") / "checkpoints/best.pt"
         os.utime(file, (1e9 - age, 1e9 - age))
-    assert library.trained() == ["runs/new", "runs/hopper/old"]
+    assert list(library.labels())[-2:] == ["runs/new", "runs/hopper/old"]
 
 
 def test_any_checkpoint_of_a_run_can_be_chosen(workplace, make_run):
@@ -317,11 +317,11 @@ def test_answers_move_the_recommendation_to_the_preferred_end():
     evidence = []
     for _ in range(9):
         question = source.ask()
-        evidence.append(source.state())
+        evidence.append(source.evidence)
         a, b = front.tradeoffs[list(question.policies)]
         source.answer(0 if a[0] > b[0] else 1)
     question = source.ask()
-    evidence.append(source.state())
+    evidence.append(source.evidence)
     index, tradeoff = source.best()
     run = front.returns[front.non_dominated, 0]
     assert front.returns[index, 0] > run.max() - 0.02 * np.ptp(run)

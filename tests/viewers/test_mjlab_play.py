@@ -10,10 +10,8 @@ from calm import calm
 
 from morlax_torch import load
 from morlax_torch.commands import export
-from morlax_torch.viewers.playing.deployment import open_export
-from morlax_torch.viewers.playing.episodes import run, summary
-from morlax_torch.viewers.playing.robot import Disturbances, Robot
-from morlax_torch.viewers.playing.steering import Policy
+from morlax_torch.viewers.playing.episodes import Policy, run, summary
+from morlax_torch.viewers.playing.robot import Disturbances, Robot, open_export
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")

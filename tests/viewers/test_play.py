@@ -16,10 +16,7 @@ from morlax_torch.commands import export, play
 from morlax_torch.envs.bridges.mjlab.robot import motor
 from morlax_torch.envs.worlds.mujoco_robot import Deployment
 from morlax_torch.exports.deployment import deploy
-from morlax_torch.viewers.playing.deployment import Export, open_export
-from morlax_torch.viewers.playing.episodes import run
-from morlax_torch.viewers.playing.robot import Disturbances, Robot
-from morlax_torch.viewers.playing.steering import (
+from morlax_torch.viewers.playing.episodes import (
     ENTER,
     EVENT,
     LEFT,
@@ -27,7 +24,9 @@ from morlax_torch.viewers.playing.steering import (
     Gamepad,
     Policy,
     Steering,
+    run,
 )
+from morlax_torch.viewers.playing.robot import Disturbances, Export, Robot, open_export
 
 onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
@@ -219,7 +218,7 @@ def test_without_a_display_a_film_is_written(cart, tmp_path, monkeypatch, capsys
 def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     folder = cart.policy.parent
     assert "there is no export nowhere" in refused(play, "nowhere")
-    assert "--delay needs two numbers" in refused(play, folder, "--delay", "20", "0")
+    assert "--delay must not be negative" in refused(play, folder, "--delay", "20", "0")
     hopper = make_run(tmp_path / "hopper", "hopper", "best")
     assert "hopper does not have" in refused(export, hopper, "--slew", "1")
     changes = {

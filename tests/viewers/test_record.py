@@ -13,8 +13,7 @@ from PIL import Image
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
 from morlax_torch.viewers.filming import recording
-from morlax_torch.viewers.filming.film import Film, Sweep
-from morlax_torch.viewers.filming.recording import write_video
+from morlax_torch.viewers.filming.recording import Film, Sweep, write_video
 from morlax_torch.viewers.player import Player
 
 GAP = 4  # pixels between panels

@@ -22,7 +22,7 @@ from morlax_torch.runs.evaluating import pack
 from morlax_torch.runs.loading import start_from
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
-from morlax_torch.viewers.preferences import reward
+from morlax_torch.viewers.preferences import teaching
 from morlax_torch.viewers.preferences.comparisons import SECONDS, Clips, Comparisons, record
 from morlax_torch.viewers.preferences.teaching import Lesson
 
@@ -43,7 +43,7 @@ THREE = {"run": {"run": 1.0}, "energy": {"energy": 1.0}, "tall": {"learned": 2.0
 def saved(path: Path, observations: int = 17, actions: int = 6) -> Path:
     """Write a random reward, of cheetahs by default."""
     generator = torch.Generator().manual_seed(0)
-    reward.save(LearnedReward(observations, actions, generator=generator), path)
+    teaching.save(LearnedReward(observations, actions, generator=generator), path)
     return path
 
 
@@ -162,16 +162,16 @@ def test_clips_show_the_policies_of_their_trade_offs(base):
 def test_the_loss_is_that_of_bradley_and_terry():
     gain = torch.tensor([[-3.0, 0.5, 2.0]])
     chance = 0.05 + 0.9 / (1 + np.exp(-gain.numpy()))
-    assert float(reward._loss(gain)) == pytest.approx(-np.log(chance).mean(), rel=1e-5)
+    assert float(teaching._loss(gain)) == pytest.approx(-np.log(chance).mean(), rel=1e-5)
 
 
 @pytest.mark.slow
 def test_a_reward_is_learned_from_comparisons():
     comparisons = synthetic(noise=2.0)
     comparisons.judge("first", 200, np.random.default_rng(0))
-    fitted = reward.fit(comparisons)
+    fitted = teaching.fit(comparisons)
     assert fitted.checked == 40 and fitted.accuracy > 0.85
-    steps = torch.cat(reward.steps_of(comparisons), -1).flatten(0, 1)
+    steps = torch.cat(teaching.steps_of(comparisons), -1).flatten(0, 1)
     rated = (fitted.reward.ratings(steps).mean(0) - fitted.reward.offset) / fitted.reward.unit
     means = rated.view(120, -1).mean(1).numpy()
     assert np.corrcoef(means, comparisons.clips.observation[:, :, 0].mean(1))[0, 1] > 0.9

@@ -14,9 +14,8 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
 from morlax_torch.viewers import libraries
-from morlax_torch.viewers.web.model import compiled
 from morlax_torch.viewers.web.tracing import TOLERANCE, PagePhysics, check, trace
-from morlax_torch.viewers.web.writing import build, start
+from morlax_torch.viewers.web.writing import build, compiled, start
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid", "Tumbler")]

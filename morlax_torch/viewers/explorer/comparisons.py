@@ -1,7 +1,7 @@
 """Questions "A or B?" to a user: which two behaviors to compare next, and who learns from it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import mujoco
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ class Question(NamedTuple):
 
 
 class Comparisons(Protocol):
-    """A source of questions. `Asking` puts them to a user."""
+    """A source of questions. `ComparisonExhibit` puts them to a user."""
 
     def ask(self) -> Question | None:
         """Return the next question; None after the last one."""
@@ -32,57 +32,18 @@ class Comparisons(Protocol):
         ...
 
 
-class Asking:
-    """Asks "A or B?" until a source has no more questions.
-
-    `behaviors` are A and B, which may be others after each answer, and none at the end.
-    """
-
-    def __init__(self, source: Comparisons):
-        self._source, self.answers = source, 0
-        self._question = source.ask()
-        self._told: dict[str, Any] | None = None  # the answer before
-
-    @property
-    def behaviors(self) -> tuple[Behavior, ...]:
-        return self._question.behaviors if self._question else ()
-
-    def react(self, request: dict[str, Any]) -> None:
-        """Learn from an answer, or skip the question, and ask the next one."""
-        if self._question is None:
-            return
-        match request:
-            case {"act": "answer", "preferred": preferred}:
-                self._told = {"preferred": preferred, "policies": self._question.policies}
-                self._source.answer(preferred)
-                self.answers += 1
-            case {"act": "press", "name": "skip"}:
-                self._told = None
-            case _:
-                return
-        self._question = self._source.ask()
-
-    def state(self) -> dict[str, Any]:
-        """Describe the question for a page."""
-        return {"answers": self.answers, "over": self._question is None, "told": self._told}
-
-
 class PolicyComparisons:
-    """Compare policies of a front to find the one that the user likes best.
-
-    The two robots have the policies of that front; their trade-offs are set.
-    """
+    """Compare policies of a front with two robots to find the one that the user likes best."""
 
     def __init__(self, front: Front, sessions: tuple[Session, Session], seed: int = 0):
         self._preference = Preference(front, seed)
         self._front, self._sessions = front, sessions
-        self._pair = (0, 0)  # of the front
 
     def ask(self) -> Question:
         preference = self._preference
-        self._pair = preference.pair()
+        self._pair = preference.pair()  # of the front
         index, tradeoff = self.best()
-        self._evidence = {
+        self.evidence = {  # of the answers, for a page; policies are indices on the front
             "best": index,
             "best_tradeoff": tradeoff,
             "possible": preference.possible().tolist(),
@@ -101,10 +62,6 @@ class PolicyComparisons:
         """Return the index on the front of the policy liked best so far, and its trade-off."""
         index = self._preference.best()
         return index, tuple(self._front.tradeoffs[index].tolist())
-
-    def state(self) -> dict[str, Any]:
-        """Describe the evidence of the answers, for a page; policies are indices on the front."""
-        return self._evidence
 
 
 class ClipComparisons:
@@ -127,10 +84,9 @@ class ClipComparisons:
     ):
         self._model, self._dt = model, dt
         self._pairs, self._answered = enumerate(pairs), answered
-        self._number = -1
 
     def ask(self) -> Question | None:
-        self._number, pair = next(self._pairs, (self._number, None))
+        self._number, pair = next(self._pairs, (None, None))
         if pair is None:
             return None
         a, b = (Clip(self._model, qpos, self._dt) for qpos in pair)
@@ -144,15 +100,15 @@ def questions(lesson: Lesson, most: int) -> ClipComparisons:
     """Ask about `most` pairs of a lesson's clips, and save each answer."""
     config, comparisons = lesson.policy.config, lesson.comparisons
     robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
-    asked: list[tuple[int, int]] = []
+    pair = 0, 0
 
     def pairs() -> Iterator[list[ArrayLike]]:
+        nonlocal pair
         for _ in range(most):
-            asked.append(lesson.pair())
-            yield [comparisons.clips.qpos[clip] for clip in asked[-1]]
+            pair = lesson.pair()
+            yield [comparisons.clips.qpos[clip] for clip in pair]
 
-    def answered(number: int, preferred: int) -> None:
-        pair = asked[number]
+    def answered(_: int, preferred: int) -> None:
         comparisons.answer(pair[preferred], pair[1 - preferred])
         lesson.save()
 

@@ -10,22 +10,14 @@ from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND
 from ...runs.loading import RUNS, SHIPPED, find_checkpoint, find_run, named_run, newest_runs
 
 
-def trained() -> list[str]:
-    """Return the folders of runs under ./runs that have a checkpoint, the latest first."""
-    return [str(run) for run in newest_runs(RUNS)]
-
-
 def _folders() -> dict[str, Path]:
-    """Return the folders of the shipped policies, then those of the runs, by name."""
+    """Return the folders of the shipped policies, then those of the runs, newest first, by name."""
     shipped = sorted(folder.parent for folder in SHIPPED.glob("*/checkpoints"))
-    return {folder.name: folder for folder in shipped} | {run: Path(run) for run in trained()}
+    return {folder.name: folder for folder in shipped} | {str(x): x for x in newest_runs(RUNS)}
 
 
 def labels() -> dict[str, str]:
-    """Return the labels of the shipped policies, then of the runs, by name.
-
-    A label other than the name ends with the reason why that run cannot be shown.
-    """
+    """Return labels by name, shipped policies first; some end with why a run cannot be shown."""
     return {name: name + _reason(folder) for name, folder in _folders().items()}
 
 

@@ -203,6 +203,7 @@ def drained(queue: Queue, seconds: float) -> list:
 
 def files() -> dict[str, bytes]:
     """Return the files of the server, by path."""
-    ours = libraries.page_files()
-    ours[""] = ours.pop("index.html").replace(b'lang="en"', b'lang="en" data-engine="remote"')
-    return ours | {f"libraries/{name}": data for name, data in libraries.files("three").items()}
+    contents = libraries.page_files("three")
+    index = contents.pop("index.html")
+    contents[""] = index.replace(b'lang="en"', b'lang="en" data-engine="remote"')
+    return contents

@@ -28,10 +28,7 @@ BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
 class Saving:
-    """Writes files of a checkpoint, one at a time, into the run's folder.
-
-    Those of a shipped policy lie in the working directory.
-    """
+    """Writes files of a checkpoint into its run's folder, or the working directory if shipped."""
 
     def __init__(self, choice: Choice, put: Put):
         self._put = put
@@ -77,14 +74,11 @@ class Saving:
 
 
 def write_policy(task: str | None, run: str, output: Path, tradeoff: Weights) -> list[Path]:
-    """Write a policy as `morlax export` does; return the files.
-
-    The run's code is trusted, because its robots move already. `task` is a moved FILE.py:CLASS.
-    """
+    """Write a policy as `morlax export` does; `task` is a moved FILE.py:CLASS. Return the files."""
     from ...exports.deployment import SETTINGS, deploy  # takes a while to import
     from ...exports.exporting import export, provenance, robot_of
 
-    policy = load(run, trust=True, env=task)
+    policy = load(run, trust=True, env=task)  # its robots move already
     robot, about = robot_of(policy), {"run": provenance(run)}
     export(policy, output, "onnx", tradeoff, about, robot)
     lacks = deploy(robot, output, policy.config.env, policy.objectives, tradeoff)

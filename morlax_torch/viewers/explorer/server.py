@@ -29,9 +29,7 @@ try:
     from websockets.http11 import Request, Response
     from websockets.protocol import State
 except ModuleNotFoundError:
-    raise MorlaxError(
-        f"the page needs websockets, which is not installed: {installation('explore')}."
-    ) from None
+    raise MorlaxError(f"the page needs websockets: {installation('explore')}.") from None
 
 SOCKET = "socket"  # path of the websocket
 FORBIDDEN = "Open the address that the command printed: it ends with a secret token.\n"

@@ -85,11 +85,8 @@ class Clip(Behavior):
         super().__init__(model, model, mujoco.MjData(model), dt)
         self._qpos = np.asarray(qpos, dtype=np.float64)
         shape = self._qpos.shape
-        fits = len(shape) == 2 and shape[0] > 0 and shape[1] == model.nq
-        if not fits or not np.isfinite(self._qpos).all():
-            raise MorlaxError(
-                f"a clip needs finite positions of shape (T, {model.nq}); this has {shape}."
-            )
+        if shape[1:] != (model.nq,) or not self._qpos.size or not np.isfinite(self._qpos).all():
+            raise MorlaxError(f"a clip needs finite positions (T, {model.nq}), not of {shape}.")
         self.reset()
 
     def step(self) -> None:
@@ -160,15 +157,11 @@ class Session(Behavior):
         return None if policy.config.task == self._opened.config.task else policy
 
     def reshape(self, policy: Policy) -> None:
-        """Go on with another body of this family, whose front is unknown until `measured`."""
+        """Go on with another body of this family, whose front is unknown."""
         player = Player(policy, self.tradeoff, self._seed)
         player.command = self.player.command
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0
-
-    def measured(self, front: Front) -> None:
-        """Show the front of the body."""
-        self.front, self.robot = front, self.player.policy
 
     @property
     def seconds(self) -> float:
@@ -215,19 +208,15 @@ class Session(Behavior):
         }
 
     def told(self) -> dict[str, Any]:
-        last = self.last_episode
+        last, velocity = self.last_episode, self.data.qvel[self.axes]
         return {
             "tradeoff": self.tradeoff,
             "returns": _finite(self.player.returns.tolist()),
             "counted": self.steps,
             "ended": last and {**last._asdict(), "returns": _finite(last.returns)},
-            "velocity": _finite(self.velocity()),
+            "velocity": _finite(velocity.tolist()),  # m/s along x and, if it can move there, y
             "power": _finite([self.power()])[0],
         }
-
-    def velocity(self) -> list[float]:
-        """Return the velocity in m/s along x and, if the robot can move there, y."""
-        return [float(self.data.qvel[dof]) for dof in self.axes]
 
     def power(self) -> float:
         """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
@@ -259,10 +248,7 @@ def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
 
 
 def contact_arrows(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
-    """Return arrows (n, 2, 3) of the forces at each contact, as the ground pushes the robot.
-
-    They are at most as long as the robot, because impacts are many times a weight.
-    """
+    """Return arrows (n, 2, 3) of the forces by which the ground pushes the robot at contacts."""
     size = float(model.stat.extent)
     newtons = float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
     arrows, force = np.zeros((data.ncon, 2, 3)), np.zeros(6)
@@ -271,6 +257,7 @@ def contact_arrows(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.flo
         contact = data.contact[i]
         push = contact.frame.reshape(3, 3).T @ force[:3]
         push *= np.copysign(WEIGHT * size / max(newtons, 1e-9), push[2])
+        # no longer than the robot, because impacts are many times a weight
         push *= min(1.0, size / max(float(np.linalg.norm(push)), 1e-12))
         arrows[i] = contact.pos, contact.pos + push
     return arrows

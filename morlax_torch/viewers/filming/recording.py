@@ -1,26 +1,37 @@
-"""Write films and film strips: H.264 for browsers and slides, animated GIF, or PNG."""
+"""Films and film strips of a robot under several trade-offs: H.264, animated GIF, or PNG."""
 
+import math
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
 from shutil import which
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs import MorlaxError
 from ...envs.errors import installation
+from ...evaluation.figures import map_figure
 from ...evaluation.front import Front
+from ...evaluation.style import pixels
 from ...host.files import replacing
 from ...host.phases import phase
 from ...networks.policy import Policy
-from .film import Film, Sweep
+from ..camera import WHOLE, Area, FollowingCamera, cameras_for
+from ..player import Player
+from . import panels
+from .rendering import Scene, check_size
 
+LONGEST = 3600.0  # simulated seconds of a film
+MOST_PICTURES = 100
+LINGER = 1.0  # seconds that a film continues after every robot has failed
+MARK = 9  # pixels from the middle of a sweep's mark to its edge, on a panel of 360 lines
 # The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
 _ENCODERS = {
     ".mp4": (
@@ -35,6 +46,220 @@ _ENCODERS = {
 FASTEST = {".mp4": 30.0, ".gif": 20.0}  # frames per second, at most
 UNSEEN = 3  # of 255: a smaller change of a pixel is left out of a GIF, which then compresses better
 ENDINGS = tuple(_ENCODERS)
+
+
+class Film:
+    """One robot under each of P trade-offs, all from the same start and seen from one distance.
+
+    With `bodies`, by design parameters, there is a panel for each trade-off of each body. A robot
+    that fails is frozen and dimmed, with the returns of its episode. A film ends a second after the
+    last robot has failed, whatever the episode length. `record` describes the arguments.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        tradeoffs: Iterable[Sequence[float]],
+        width: int = 480,
+        height: int = 360,
+        seed: int = 0,
+        bodies: Sequence[Mapping[str, float]] = (),
+    ):
+        check_size(width, height)
+        policies, shown = [policy.for_design(body) for body in bodies] or [policy], list(tradeoffs)
+        players = [Player(each, tradeoff, seed) for each in policies for tradeoff in shown]
+        self._takes = [Take(player, width, height) for player in players]
+        self._size = width, height
+        self.dt = self._takes[0].player.env.dt
+
+    def steps(self, seconds: float) -> int:
+        """Convert simulated seconds, from a control step to LONGEST, to control steps."""
+        if not self.dt <= seconds <= LONGEST:
+            limits = f"at least one control step ({self.dt:g} s) and at most {LONGEST:g} s"
+            raise MorlaxError(f"a film must last {limits}, not {seconds:g} s.")
+        return round(seconds / self.dt)
+
+    def pace(self, speed: float = 1.0, fastest: float = 30.0) -> tuple[int, float]:
+        """Return the control steps per frame, and the frames per second, at most `fastest`."""
+        if not 0 < speed <= 100:
+            raise MorlaxError(f"the speed must be above 0 and at most 100, not {speed:g}.")
+        rate = speed / self.dt
+        stride = max(1, math.ceil(rate / fastest - 1e-9))
+        return stride, rate / stride
+
+    def frames(self, seconds: float = 5.0, stride: int = 1) -> Iterator[NDArray[np.uint8]]:
+        """Render frames (H, W, 3) RGB: all panels, with trade-offs and running returns.
+
+        The first frame shows the start, and `stride` control steps lie between two frames.
+        """
+        takes = self._takes
+        for take in takes:
+            take.reset()
+        with self._scenes() as scenes:
+            for step in range(0, self.steps(seconds) + 1, stride):
+                for take in takes:
+                    while take.player.steps < step and not take.failed:
+                        take.step()
+                farthest = max(take.distance for take in takes)
+                pairs = zip(takes, scenes, strict=True)
+                yield panels.side_by_side([take.panel(scene, farthest) for take, scene in pairs])
+                last = max(take.player.steps for take in takes)
+                if all(take.failed for take in takes) and (step - last) * self.dt >= LINGER:
+                    return
+
+    def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
+        """Render a film strip (H, W, 3) RGB: a row of each trade-off's last gait cycle or two."""
+        if not 2 <= pictures <= MOST_PICTURES:
+            raise MorlaxError(f"a row has 2 to {MOST_PICTURES} pictures, not {pictures}.")
+        steps, player = self.steps(seconds), self._takes[0].player
+        moments = []
+        for number, take in enumerate(self._takes):
+            phase("filming", number / len(self._takes))
+            moments += take.moments(steps, pictures)
+        aspect, base = self._size[0] / self._size[1], player.env.base
+        cameras = cameras_for(player.model, aspect, [data for data, *_ in moments], base)
+        rows: list[list[Image.Image]] = [[] for _ in self._takes]
+        with self._scenes() as scenes:
+            for i, (data, time, failed) in enumerate(moments):
+                picture = Image.fromarray(scenes[i // pictures].draw(data, cameras[i]))
+                picture = panels.dimmed(picture) if failed else picture
+                rows[i // pictures].append(panels.timed(picture, time))
+        return panels.strip(rows, [take.label() for take in self._takes])
+
+    @contextmanager
+    def _scenes(self) -> Iterator[list[Scene]]:
+        """Open the scene of each robot; robots of one body share theirs."""
+        with ExitStack() as stack:
+            scenes: dict[Policy, Scene] = {}
+            for player in (take.player for take in self._takes):
+                if player.policy not in scenes:
+                    scene = Scene(player.model, *self._size)
+                    scenes[player.policy] = stack.enter_context(scene)
+            yield [scenes[take.player.policy] for take in self._takes]
+
+
+class Take:
+    """One robot and its latest picture, frozen once it fails."""
+
+    def __init__(self, player: Player, width: int, height: int):
+        self.player = player
+        self.failed = False
+        self._frozen: Image.Image | None = None  # its picture since it failed
+        # the robot stands right of the table or below it; in a small picture, anywhere
+        right, bottom = panels.table_corner(self._table(), height)
+        areas = [Area(0, 0, 1, 1 - bottom / height), Area(right / width, 0, 1, 1)]
+        free = [area for area in areas if min(area.top, 1 - area.left) > 0.5]
+        aspect = width / height
+        self._camera = FollowingCamera(player.model, aspect, free or [WHOLE], player.env.base)
+
+    def reset(self) -> None:
+        self.player.reset()
+        self._camera.restart(self.player.data)
+        self.failed, self._frozen = False, None
+
+    def step(self) -> None:
+        self.failed = bool(self.player.step().terminated)
+        self._camera.follow(self.player.data, self.player.env.dt)
+
+    @property
+    def distance(self) -> float:
+        """Of the camera; 0 once the robot has failed."""
+        return 0.0 if self.failed else self._camera.camera.distance
+
+    def panel(self, scene: Scene, distance: float) -> Image.Image:
+        """Draw the robot with its captions, from at least `distance`; once if it has failed."""
+        if self._frozen is not None:
+            return self._frozen
+        self._camera.stand_back(distance)
+        picture = Image.fromarray(scene.draw(self.player.data, self._camera.camera))
+        clock = f"{self.player.steps * self.player.env.dt:.2f} s"
+        if self.failed:
+            picture, clock = panels.dimmed(picture), f"failed after {clock}"
+        picture = panels.captioned(picture, self._table(), ", ".join([*self._body(), clock]))
+        self._frozen = picture if self.failed else None
+        return picture
+
+    def moments(self, steps: int, pictures: int) -> list[tuple[mujoco.MjData, float, bool]]:
+        """Return poses in the last gait cycle of an episode, with seconds and whether it fails."""
+        self.reset()
+        states = [self.player.data.qpos.copy()]
+        while self.player.steps < steps and not self.failed:
+            self.step()
+            states.append(self.player.data.qpos.copy())
+        qpos = np.stack([state for state in states if np.isfinite(state).all()])
+        model, dt, moments = self.player.model, self.player.env.dt, []
+        hinges = model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
+        for step in panels.moments(qpos[:, hinges], dt, pictures):
+            data = mujoco.MjData(model)
+            data.qpos[:] = qpos[step]
+            mujoco.mj_forward(model, data)
+            moments.append((data, step * dt, self.failed and step == len(qpos) - 1))
+        return moments
+
+    def _body(self) -> list[str]:
+        """Return the design parameters that are not the default, such as "thigh 0.4 m"."""
+        policy = self.player.policy
+        parameters = policy.agent.designs
+        design = policy.config.task.design if parameters else {}
+        return [
+            f"{name.replace('_', ' ')} {value:.3g} {parameters[name].unit}"
+            for name, value in design.items()
+            if value != parameters[name].default
+        ]
+
+    def _table(self) -> list[panels.Row]:
+        sums = self.player.returns.tolist()
+        returns = [f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}" for x in sums]
+        return [(*weight, text) for weight, text in zip(self._weights(), returns, strict=True)]
+
+    def label(self) -> str:
+        """Return a line for each weight, or "only NAME" if there is one."""
+        weights = self._weights()
+        alone = [f"only {name}" for name, share in weights if share == "1.00"]
+        return "\n".join([*self._body(), "".join(alone) or "\n".join(map(" ".join, weights))])
+
+    def _weights(self) -> list[tuple[str, str]]:
+        shares = self.player.tradeoff / self.player.tradeoff.sum()
+        names = self.player.env.objectives
+        return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]
+
+
+class Sweep(Film):
+    """One robot that goes from each objective alone to the next, beside a plot of the front."""
+
+    def __init__(
+        self, policy: Policy, front: Front, width: int = 480, height: int = 360, seed: int = 0
+    ):
+        self._corners = np.eye(len(policy.objectives))
+        super().__init__(policy, self._corners[:1].tolist(), width, height, seed)
+        self._front = front
+        figure, axes, pair = map_figure(front, width / 100, height / 100)
+        figure.set_dpi(100)
+        self._map = Image.fromarray(pixels(figure)).resize((width, height))
+        self._places = axes.transData.transform(front.returns[:, pair])  # from below
+
+    def frames(self, seconds: float = 5.0, stride: int = 1) -> Iterator[NDArray[np.uint8]]:
+        (take,) = self._takes
+        take.reset()
+        steps, legs = self.steps(seconds), np.arange(len(self._corners))
+        with self._scenes() as (scene,):
+            for step in range(0, steps + 1, stride):
+                passed = step / steps * legs[-1]
+                tradeoff = np.array([np.interp(passed, legs, column) for column in self._corners])
+                take.player.tradeoff = tradeoff.tolist()
+                for _ in range(stride if step else 0):
+                    if take.failed:
+                        take.reset()
+                    take.step()
+                yield panels.side_by_side([take.panel(scene, 0.0), self._marked(tradeoff)])
+
+    def _marked(self, tradeoff: NDArray[np.float64]) -> Image.Image:
+        nearest = np.square(self._front.tradeoffs - tradeoff).sum(1).argmin()
+        x, y = self._places[nearest]
+        picture, size = self._map.copy(), MARK * self._map.height / 360
+        box = (x - size, picture.height - y - size, x + size, picture.height - y + size)
+        ImageDraw.Draw(picture).ellipse(box, outline=panels.INK, width=max(2, round(size / 3)))
+        return picture
 
 
 def record(
@@ -77,9 +302,7 @@ def record(
         shown = tradeoffs or ([[1 / m] * m] if bodies else typical_tradeoffs(m).tolist())
         film = Film(policy, shown, width, height, seed, bodies)
     elif tradeoffs or bodies or ending == ".png":
-        raise MorlaxError(
-            "a sweep is a film (.mp4 or .gif) of all trade-offs of one body: name none of them."
-        )
+        raise MorlaxError("a sweep is a film, no strip, of all trade-offs of one body: name none.")
     else:
         film = Sweep(policy, sweep, width, height, seed)
     if ending == ".png":
@@ -148,15 +371,13 @@ def _steady(frames: Iterator[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
 
 def find_ffmpeg() -> str:
     """Return the path of ffmpeg, which imageio-ffmpeg includes, or raise MorlaxError."""
-    try:
-        import imageio_ffmpeg
-    except ImportError:
-        raise MorlaxError(
-            f"writing a film needs ffmpeg: {installation('video')}, or write a film strip "
-            "with --output FILE.png."
-        ) from None
     # which() is None if IMAGEIO_FFMPEG_EXE is wrong; RuntimeError if the wheel has no ffmpeg
-    with suppress(RuntimeError):
-        if program := which(imageio_ffmpeg.get_ffmpeg_exe()):
+    with suppress(ImportError, RuntimeError):
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        if program := which(get_ffmpeg_exe()):
             return program
-    raise MorlaxError("ffmpeg is missing: install it, or set IMAGEIO_FFMPEG_EXE to its path.")
+    raise MorlaxError(
+        f"writing a film needs ffmpeg: {installation('video')}, set IMAGEIO_FFMPEG_EXE to the path "
+        "of ffmpeg, or write a film strip with --output FILE.png."
+    )

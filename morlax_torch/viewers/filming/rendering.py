@@ -111,10 +111,8 @@ class Scene(AbstractContextManager["Scene"]):
 def check_size(width: int, height: int) -> None:
     """Raise MorlaxError if the size of a picture, in pixels, is out of range."""
     if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
-        raise MorlaxError(
-            f"cannot draw a picture of {width} x {height}: width and height must be "
-            f"from {SMALLEST} to {LARGEST} pixels."
-        )
+        sides = f"width and height must be from {SMALLEST} to {LARGEST} pixels"
+        raise MorlaxError(f"cannot draw a picture of {width} x {height}: {sides}.")
 
 
 @cache

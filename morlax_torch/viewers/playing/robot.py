@@ -1,21 +1,31 @@
-"""One robot in C MuJoCo that is driven as deploy.yaml says, with disturbances."""
+"""Open an export, and drive its robot in C MuJoCo as deploy.yaml says, with disturbances."""
 
+import io
 import math
+import zipfile
 from collections import deque
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import yaml
 from numpy.typing import NDArray
+from pydantic import AliasPath, BaseModel, Field, ValidationError, model_validator
 
 from ...envs import MorlaxError
+from ...envs.errors import explained, unknown
 from ...envs.worlds.trees import base_of
-from .deployment import Export
+from ...exports.deployment import SETTINGS
+from ...host.files import read
 
+Values = list[float]
+Range = tuple[float, float]
 Array = NDArray[np.float64]
+JOINT = mujoco.mjtObj.mjOBJ_JOINT
 FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
 RISE = 0.02  # m of the base above its default pose at the start
 PAUSES = 1.0, 3.0  # s between two pushes, as in mjlab's training
@@ -24,6 +34,120 @@ BROKEN = (  # of which MuJoCo warns before it resets the state
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
+
+
+class Term(BaseModel):
+    """A term of the observation."""
+
+    params: dict[str, Any]
+    clip: Range | None
+    scale: Values
+    history_length: int = Field(ge=1)
+
+
+def _in(*path: str, **constraints: Any) -> Any:
+    """Return a field that lies deeper in deploy.yaml."""
+    return Field(validation_alias=AliasPath(*path), **constraints)
+
+
+RANGES = "commands", "base_velocity", "ranges"
+ACTION = "actions", "JointPositionAction"
+OURS = "morlax_torch"  # the entries that unitree_rl_lab does not have
+
+
+class Settings(BaseModel):
+    """The entries of deploy.yaml that are used here; docs/export.md explains all of them."""
+
+    step_dt: float = Field(gt=0)
+    stiffness: list[float | None]
+    damping: list[float | None]
+    default_joint_pos: Values
+    observations: dict[str, Term]
+    lin_vel_x: Range = _in(*RANGES, "lin_vel_x")
+    lin_vel_y: Range = _in(*RANGES, "lin_vel_y")
+    ang_vel_z: Range = _in(*RANGES, "ang_vel_z")
+    clip: list[Range] | None = _in(*ACTION, "clip")
+    scale: Values = _in(*ACTION, "scale")
+    offset: Values = _in(*ACTION, "offset")
+    joint_ids: list[int] | None = _in(*ACTION, "joint_ids")
+    policy: str = _in(OURS, "policy")
+    model: str | None = _in(OURS, "model")
+    objectives: list[str] = _in(OURS, "objectives")
+    slew: float | None = _in(OURS, "slew", gt=0)
+    joints: list[str] = _in(OURS, "joints")
+    default_joint_vel: Values = _in(OURS, "default_joint_vel")
+    observation_noise: Values = _in(OURS, "observation_noise")
+
+    @property
+    def driven(self) -> list[int]:
+        """The joint of each action."""
+        return list(range(len(self.joints))) if self.joint_ids is None else self.joint_ids
+
+    @property
+    def limits(self) -> list[Range]:
+        """The range of each number of the command: m/s, m/s, rad/s."""
+        return [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z]
+
+    @model_validator(mode="after")
+    def _check(self) -> "Settings":
+        driven, joints = self.driven, len(self.joints)
+        counts = dict.fromkeys(("scale", "offset", "clip"), len(driven))
+        names = ("stiffness", "damping", "default_joint_pos", "default_joint_vel")
+        counts |= dict.fromkeys(names, joints) | {"observation_noise": len(self.observations)}
+        for name, count in counts.items():
+            values = getattr(self, name)
+            if values is not None and len(values) != count:
+                raise ValueError(f"{name} has {len(values)} entries instead of {count}.")
+        if not set(driven) <= set(range(joints)):
+            raise ValueError("joint_ids names a joint that does not exist.")
+        gains = zip(self.joints, self.stiffness, self.damping, strict=True)
+        passive = [name for i, (name, *pair) in enumerate(gains) if i in driven and None in pair]
+        if passive:
+            raise ValueError(
+                f"there are no gains (null) for {', '.join(passive)}, write their stiffness and "
+                "damping there."
+            )
+        return self
+
+
+@dataclass
+class Export:
+    """An export that can be played."""
+
+    settings: Settings
+    model: mujoco.MjModel
+    policy: Path
+
+
+def open_export(path: Path) -> Export:
+    """Open an export by its folder or the file of its policy."""
+    folder = path if path.is_dir() else path.parent
+    file = folder / SETTINGS
+    if not path.exists() or not file.exists():
+        raise MorlaxError(
+            f"there is no export {path} with {SETTINGS}: morlax export writes one for policies "
+            "whose actions are positions of joints, such as those of mjlab's velocity tasks."
+        )
+    try:
+        settings = Settings.model_validate(yaml.safe_load(read(file).decode()))
+    except ValidationError as error:
+        raise MorlaxError(f"{file}: {explained(error, Settings)}") from None
+    except (ValueError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise MorlaxError(f"{file} is not valid YAML: {reason}.") from None
+    if settings.model is None:
+        raise MorlaxError(f"{file} names no model, since its scene cannot be written.")
+    archive = folder / settings.model
+    try:  # a zip of an XML file and the files that it names
+        with zipfile.ZipFile(io.BytesIO(read(archive, "model"))) as files:
+            contents = {name: files.read(name) for name in files.namelist()}
+        (name,) = (name for name in contents if name.endswith(".xml"))
+        text = contents.pop(name).decode()
+        model = mujoco.MjSpec.from_string(text, assets=contents).compile()
+    except (ValueError, zipfile.BadZipFile) as error:
+        reason = " ".join(str(error).split())
+        raise MorlaxError(f"cannot load the model {archive}: {reason}.") from None
+    return Export(settings, model, folder / settings.policy if path == folder else path)
 
 
 @dataclass
@@ -40,15 +164,10 @@ class Disturbances:
     """Sliding friction of all contacts that have friction."""
 
     def __post_init__(self) -> None:
-        for name, (low, high) in (("delay", self.delay), ("friction", self.friction)):
+        for name, value in vars(self).items():
+            low, high = np.broadcast_to(value, 2)
             if not 0 <= low <= high < math.inf:
-                raise MorlaxError(
-                    f"--{name} needs two numbers, the lower one first and not negative, not "
-                    f"{low:g} {high:g}."
-                )
-        for name in ("noise", "push"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise MorlaxError(f"--{name} must not be negative, nor {getattr(self, name):g}.")
+                raise MorlaxError(f"--{name} must not be negative, nor LOW above HIGH.")
 
 
 class Step(NamedTuple):
@@ -84,8 +203,11 @@ class Robot:
         self._substeps = round(self.dt / model.opt.timestep)
         self._terms = list(settings.observations.items())
         self._noise = np.array(settings.observation_noise) * self._disturbances.noise
-        joints = [self._joint(name) for name in settings.joints]
         free = model.body_jntadr[self.base]
+        joints = [mujoco.mj_name2id(model, JOINT, name) for name in settings.joints]
+        for name, joint in zip(settings.joints, joints, strict=True):
+            if joint < 0 or model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
+                raise MorlaxError(f"the model has no joint {name} on a base that moves freely.")
         self._height, self._speed = model.jnt_qposadr[free] + 2, model.jnt_dofadr[free]
         self._qpos, self._qvel = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
         self._rest = np.array(settings.default_joint_pos), np.array(settings.default_joint_vel)
@@ -102,22 +224,14 @@ class Robot:
         self.reset()
         for name, term in self._terms:
             if name not in OBSERVATIONS:
-                raise MorlaxError(
-                    f"play does not know the observation {name}: it knows "
-                    f"{', '.join(OBSERVATIONS)}."
-                )
+                raise unknown("observation", name, OBSERVATIONS)
             size = len(self._read(name, term.params))
             if size != len(term.scale):
-                raise MorlaxError(
-                    f"the observation {name} has {size} numbers, but its scale {len(term.scale)}."
-                )
+                raise MorlaxError(f"{name} has {size} numbers, but its scale {len(term.scale)}.")
 
     def reset(self) -> None:
         """Start an episode just above the default pose."""
-        if self.model.nkey:
-            mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
-        else:
-            mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_resetDataKeyframe(self.model, self.data, 0)  # if there is one
         self.data.qpos[self._height] += RISE
         self.data.qpos[self._qpos], self.data.qvel[self._qvel] = self._rest
         self.data.ctrl[self._motors] = self._start
@@ -176,7 +290,7 @@ class Robot:
         return Step(broken or not self._turn()[2, 2] > FALLEN, self.velocity(), power)
 
     def velocity(self) -> Array:
-        """Return the base's velocity (3,) in the body: m/s, m/s and rad/s of the yaw."""
+        """Return the velocity (3,) that a `Step` has."""
         return np.array([*(self._twist()[:3] @ self._turn())[:2], self._twist()[5]])
 
     def weight(self) -> float:
@@ -201,13 +315,6 @@ class Robot:
             raise MorlaxError(f"the model has no sensor {sensor} for the observation {name}.")
         values = self.data.sensor(sensor).data.copy()
         return -values if name == "projected_gravity" else values
-
-    def _joint(self, name: str) -> int:
-        joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
-        free = self.model.body_jntadr[self.base]
-        if joint < 0 or self.model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
-            raise MorlaxError(f"the model has no joint {name} on a base that moves freely.")
-        return joint
 
     def _motor(self, joint: int) -> int:
         motors = np.flatnonzero(self.model.actuator_trnid[:, 0] == joint)

@@ -66,8 +66,8 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
     rows = torch.nonzero(alive >= length).squeeze(-1)
     if len(rows) < 2:
         raise MorlaxError(
-            f"{number - len(rows)} of {number} episodes fail within {SECONDS:g} s, the length of "
-            "a clip, so there are no two to compare: train for longer, or record more clips."
+            f"fewer than two of {number} episodes last {SECONDS:g} s, the length of a clip: train "
+            "for longer, or record more clips."
         )
     latest = (alive - length)[rows]
     draws = torch.rand(len(rows), generator=generator, dtype=torch.float32)
@@ -107,10 +107,7 @@ class Comparisons:
         """Add clips, or raise MorlaxError if they are of another task or of another length."""
         shapes = [[part.shape[1:] for part in each.clips] for each in (self, other)]
         if other.task != self.task or other.terms != self.terms or shapes[0] != shapes[1]:
-            raise MorlaxError(
-                f"the comparisons are of clips of {self.task}, so no clips of {other.task} can be "
-                "added: use another folder."
-            )
+            raise MorlaxError(f"the clips are of {self.task}: use another folder for {other.task}.")
         clips = Clips(*map(np.concatenate, zip(self.clips, other.clips, strict=True)))
         return replace(self, clips=clips, sources=self.sources + other.sources)
 
@@ -146,29 +143,17 @@ class Comparisons:
                 terms, answers = arrays["term_names"].tolist(), arrays["answers"]
                 task, sources = str(arrays["task"]), arrays["sources"].tolist()
                 objective = str(arrays["objective"]) or None
-            if not _fit(clips, terms, answers):
-                raise ValueError("its arrays do not fit together, or hold wrong numbers")
+            n, length = clips.action.shape[:2]
+            sizes = [(n, length + 1), (n, length), (n, length + 1), (n, len(terms))]
+            fits = [part.shape[:2] for part in clips] == sizes
+            if not (fits and all(np.isfinite(part).all() for part in clips)):
+                raise ValueError("its clips do not fit together, or are not finite")
+            pairs = [(int(a), int(b)) for a, b in answers]
+            if not {clip for pair in pairs for clip in pair} <= set(range(n)):
+                raise ValueError("its answers are about clips that it does not have")
         except MemoryError:
             raise
         except Exception as error:  # numpy, zip and zlib each fail in their own way
             reason = " ".join(str(error).split())[:LONGEST].rstrip(".")
-            raise MorlaxError(
-                f"{path} is damaged or not a file of comparisons: {reason}."
-            ) from None
-        pairs = [(int(a), int(b)) for a, b in answers]
+            raise MorlaxError(f"{path} is damaged or has no comparisons: {reason}.") from None
         return cls(task, terms, clips, pairs, sources, objective)
-
-
-def _fit(clips: Clips, terms: list[str], answers: np.ndarray) -> bool:
-    """Return whether sizes agree, and all numbers are finite and in range."""
-    n, length = clips.action.shape[:2]
-    sizes = (n, length + 1), (n, length), (n, length + 1), (n, len(terms))
-    return (
-        [part.ndim for part in clips] == [3, 3, 3, 2]
-        and all(part.shape[:2] == size for part, size in zip(clips, sizes, strict=True))
-        and all(part.dtype == np.float32 and np.isfinite(part).all() for part in clips)
-        and answers.shape[1:] == (2,)
-        and answers.dtype == np.int32
-        and bool(((answers >= 0) & (answers < n)).all())
-        and bool((answers[:, 0] != answers[:, 1]).all())
-    )

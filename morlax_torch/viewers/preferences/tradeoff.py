@@ -31,9 +31,7 @@ class Preference:
     def __init__(self, front: Front, seed: int = 0):
         self.policies = np.flatnonzero(front.non_dominated)
         if len(self.policies) < 2:
-            raise MorlaxError(
-                "there is nothing to compare: the front has fewer than two non-dominated policies."
-            )
+            raise MorlaxError("there is nothing to compare: the front has no two best policies.")
         returns = front.returns[self.policies]
         self._scaled = (returns - returns.min(0)) / np.ptp(returns, axis=0).clip(min=1e-12)
         self._random = np.random.default_rng(seed)
@@ -63,9 +61,7 @@ class Preference:
             MorlaxError: a policy is not one of those that are compared.
         """
         if others := {preferred, other} - set(self.policies.tolist()):
-            raise MorlaxError(
-                f"policy {others.pop()} is not one of the front's non-dominated ones."
-            )
+            raise MorlaxError(f"policy {others.pop()} is not one of the front's non-dominated.")
         pair = np.searchsorted(self.policies, [[preferred], [other]])
         self._log_posterior += np.log(self._chance(*pair)[:, 0])
 

@@ -84,13 +84,12 @@ def trace(env: Environment) -> Traced:
     try:
         return _traced(env)
     except MorlaxError as error:
-        raise cannot(env, str(error)) from None
+        raise cannot(type(env), str(error)) from None
 
 
-def cannot(env: Environment, reason: str) -> MorlaxError:
-    return MorlaxError(
-        f"{type(env).__name__} cannot run in a browser: {' '.join(reason.split()).rstrip('.')}."
-    )
+def cannot(task: type[Environment], reason: str) -> MorlaxError:
+    reason = " ".join(reason.split()).rstrip(".")
+    return MorlaxError(f"{task.__name__} cannot run in a browser: {reason}.")
 
 
 def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
@@ -209,7 +208,7 @@ def _gap(env: Environment, name: str, exact: np.ndarray, traced: np.ndarray) -> 
     gap = float(np.where(np.isnan(exact) & np.isnan(traced), 0.0, gaps).max(initial=0.0))
     if not gap <= TOLERANCE:
         raise cannot(
-            env,
+            type(env),
             f"its traced {name} differs by {gap:.1e}; keep all state in tensors that are "
             "changed in place, and compute with torch only",
         )

@@ -3,11 +3,14 @@
 import gzip
 import json
 import os
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import mujoco
 import numpy as np
@@ -17,6 +20,7 @@ from torch import Tensor
 from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
+from ...envs.worlds.options import TaskOptions
 from ...exports.exporting import export
 from ...exports.formats import onnxruntime
 from ...host.files import making
@@ -27,16 +31,109 @@ from ...runs.loading import bookmarks, load
 from .. import libraries
 from ..describing import array_bytes, described_task, drawn_arrays, front_map
 from ..player import PUSH
-from .model import WebModel, compiled
 from .recording import storage
-from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, check, trace
+from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, cannot, check, trace
 
-TITLE = "TITLE"  # in index.html
+# Arrays of mjModel that the physics depends on, and the names that their versions share.
+PHYSICAL = re.compile(
+    r"(body|jnt|dof|geom|site|actuator|eq|tendon|pair|wrap|sensor|qpos)_?\w*"
+    r"(?<!_user)(?<!user)(?<!aabb)(?<!rgba)"
+)
+# MuJoCo 4.0 writes this attribute also where it says nothing; 3.14 then refuses the file.
+INPUT_OF_PLAIN_ACTUATORS = re.compile(r"(<general\b[^>]*?) input=\"[^\"]*\"")
 START = "start.bin"  # a recording, which the page shows until it has loaded the robot itself
 SECONDS = 5.0  # of the recording; an episode that ends earlier is recorded to its end
 FRAME = 0.02  # s between its frames, or a control step if that is longer
 STARTS = 16  # initial states on the page, where a task draws them at random
 NOMINAL = {"friction": None, "mass": None, "strength": None, "fields": {}}
+
+
+class WebModel(NamedTuple):
+    """A model as text, for any version of MuJoCo."""
+
+    xml: str
+    assets: dict[str, bytes]  # by the names that `xml` has
+    fields: dict[str, list[float]]  # exact numbers of mjModel, which `xml` has rounded
+    options: dict[str, Any]  # of mjOption
+
+
+def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjModel, WebModel]:
+    """Compile a task's model, in any way that MuJoCo offers, and describe it."""
+    with _watching() as made:
+        model = task.compile_model(options)
+    if not made:
+        ways = "MjModel.from_xml_path, MjModel.from_xml_string or MjSpec.compile"
+        raise cannot(task, f"its load_model() must compile the model with {ways}")
+    spec = next((spec for compiled, spec in made if compiled is model), made[-1][1])
+    try:
+        return model, _portable(model, spec)
+    except (ValueError, OSError) as error:
+        raise cannot(task, str(error)) from None
+
+
+def _portable(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
+    """Describe `model`, which `spec` was compiled to; ValueError or OSError: it cannot be."""
+    assets = dict(_flattened(spec))
+    spec.compiler.meshdir = spec.compiler.texturedir = ""
+    spec.assets = assets
+    spec.compile()  # only a compiled spec can be written
+    xml = INPUT_OF_PLAIN_ACTUATORS.sub(r"\1", spec.to_xml())
+    again = mujoco.MjModel.from_xml_string(xml, assets)
+    fields = {}
+    for name in dir(model):
+        values = getattr(model, name, None)
+        if not isinstance(values, np.ndarray):
+            continue
+        copied = getattr(again, name)
+        if values.shape != copied.shape:
+            raise ValueError(f"its {name} has another size after it was saved as XML")
+        if PHYSICAL.fullmatch(name) and values.dtype.kind == "f" and values.size:
+            fields[name] = values.ravel().tolist()
+    options = {k: getattr(model.opt, k) for k in dir(model.opt) if not k.startswith("_")}
+    arrays = {k: x.tolist() for k, x in options.items() if isinstance(x, np.ndarray)}
+    numbers = {k: x for k, x in options.items() if isinstance(x, (int, float))}
+    return WebModel(xml, assets, fields, arrays | numbers)
+
+
+@contextmanager
+def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
+    """Note every model that is compiled in the block, with a copy of its spec."""
+    made: list[tuple[mujoco.MjModel, mujoco.MjSpec]] = []
+
+    def noting(owner: type, name: str, spec_of: Callable[..., mujoco.MjSpec]) -> Any:
+        compile_ = getattr(owner, name)
+
+        def substitute(source: Any, *assets: Any, **named: Any) -> mujoco.MjModel:
+            model = compile_(source, *assets, **named)
+            made.append((model, spec_of(source, **({"assets": assets[0]} if assets else named))))
+            return model
+
+        return patch.object(owner, name, substitute)
+
+    with (
+        noting(mujoco.MjSpec, "compile", mujoco.MjSpec.copy),
+        noting(mujoco.MjModel, "from_xml_path", mujoco.MjSpec.from_file),
+        noting(mujoco.MjModel, "from_xml_string", mujoco.MjSpec.from_string),
+    ):
+        yield made
+
+
+def _flattened(spec: mujoco.MjSpec) -> Iterator[tuple[str, bytes]]:
+    """Give every file of the model a name without folders; yields names and contents."""
+    names: dict[Path, str] = {}
+    stored = {Path(name).name: data for name, data in spec.assets.items()}
+    for kind, folder in (("meshes", "meshdir"), ("textures", "texturedir"), ("hfields", "meshdir")):
+        for element in getattr(spec, kind):
+            if not element.file:
+                continue
+            file = Path(element.file)
+            element.name = element.name or file.stem
+            path = Path(spec.modelfiledir or ".") / getattr(spec.compiler, folder) / file
+            element.content_type = ""
+            if path not in names:
+                names[path] = f"asset-{len(names)}{file.suffix.lower()}"
+                yield names[path], stored[file.name] if file.name in stored else path.read_bytes()
+            element.file = names[path]
 
 
 def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> int:
@@ -45,38 +142,32 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
     The folder must be new or empty, and is complete or not there at all. `device` evaluates the
     front of a run that has none.
     """
+    onnxruntime()  # fails at once without the extra
     folder = Path(os.path.abspath(folder))
     with making(folder) as draft:
-        _write(runs, draft, device)
+        contents = libraries.page_files()
+        listed: list[dict[str, Any]] = []
+        titles = Counter[str]()
+        for index, run in enumerate(runs):
+            part = draft / f"runs/{index}"
+            with within(Path(run).name):
+                robot = write_robot(run, part, device)
+            # the page counts from when it shows the recording
+            size = sum(_compress(file) for file in list(part.iterdir()) if file.name != START)
+            _compress(part / START)
+            titles[robot["title"]] += 1
+            if (number := titles[robot["title"]]) > 1:  # tell runs of one task apart
+                robot["title"] += f" {number}"
+            listed.append({"folder": f"runs/{index}", **robot, "bytes": size})
+        heading = escape(", ".join(robot["title"] for robot in listed))
+        contents["index.html"] = contents["index.html"].replace(b"TITLE", heading.encode())
+        for path, data in contents.items():
+            (draft / path).parent.mkdir(exist_ok=True)
+            (draft / path).write_bytes(data)
+        shared = sum(_compress(file) for file in (draft / "libraries").glob("*.wasm"))
+        rows = [{**robot, "shared": shared} for robot in listed]
+        (draft / "runs.json").write_text(json.dumps(rows))
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
-def _write(runs: Sequence[str], folder: Path, device: str | None) -> None:
-    onnxruntime()  # fails at once without the extra
-    (folder / "libraries").mkdir()
-    for name, data in libraries.files().items():
-        (folder / "libraries" / name).write_bytes(data)
-    shared = sum(_compress(file) for file in (folder / "libraries").glob("*.wasm"))
-    listed: list[dict[str, Any]] = []
-    titles = Counter[str]()
-    for index, run in enumerate(runs):
-        part = folder / f"runs/{index}"
-        with within(Path(run).name):
-            robot = write_robot(run, part, device)
-        # the page counts from when it shows the recording
-        size = sum(_compress(file) for file in list(part.iterdir()) if file.name != START)
-        _compress(part / START)
-        titles[robot["title"]] += 1
-        if (number := titles[robot["title"]]) > 1:  # tell runs of one task apart
-            robot["title"] += f" {number}"
-        listed.append({"folder": f"runs/{index}", **robot, "bytes": size, "shared": shared})
-    (folder / "runs.json").write_text(json.dumps(listed))
-    heading = ", ".join(robot["title"] for robot in listed)
-    for path, data in libraries.page_files().items():
-        if path == "index.html":
-            data = data.replace(TITLE.encode(), escape(heading).encode())
-        (folder / path).parent.mkdir(exist_ok=True)
-        (folder / path).write_bytes(data)
 
 
 def _compress(file: Path) -> int:
@@ -118,10 +209,7 @@ def build(policy: Policy) -> tuple[Environment, WebModel]:
     name, options = policy.config.env, policy.config.task.for_evaluation()
     task = get(name)
     if not issubclass(task, Environment):
-        raise MorlaxError(
-            f"{name} cannot run in a browser: only MuJoCo robots that are subclasses of "
-            "envs.Environment can."
-        )
+        raise MorlaxError(f"only MuJoCo robots of envs.Environment run in a browser, not {name}.")
     options = task.Options.model_validate(options.model_dump())
     nominal = options.randomization.model_copy(update=NOMINAL)
     options = options.model_copy(update={"randomization": nominal})
