@@ -71,7 +71,7 @@ def read(arguments: Sequence[str]) -> tuple[Config, Tune, bool]:
     if any(f"--{name}" in typed for name in OURS):
         raise MorlaxError(f"the search sets {', '.join(OURS)} itself: use --seconds instead.")
     values = values_over(options, others) | {"max_seconds": options.seconds}
-    return placed(values), options, ":" in (values["device"] or "")
+    return placed(values), options, ":" in str(values["device"])
 
 
 def command(arguments: Sequence[str]) -> None:

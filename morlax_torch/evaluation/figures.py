@@ -339,7 +339,7 @@ def hypervolume_figure(
         curves = [(getattr(history, name), history.hypervolume) for history in histories]
         several = len(curves) > 1
         for k, (x, y) in enumerate(curves):
-            look = {"color": "0.55", "lw": 0.7} if several else {"color": INK, "marker": "o"}
+            look: Any = {"color": "0.55", "lw": 0.7} if several else {"color": INK, "marker": "o"}
             axes.plot(x, y, ms=3.5, **look, label="single run" if several and k == 0 else None)
         if several:
             steps, low, middle, high = quartile_band(curves)

@@ -93,6 +93,7 @@ class ClipComparisons:
         return Question((a, b))
 
     def answer(self, preferred: int) -> None:
+        assert self._number is not None, "nothing was asked"
         self._answered(self._number, preferred)
 
 
