@@ -1,1 +1,1 @@
-"""Worlds that other libraries step, behind the interface of ours."""
+"""Worlds of Gymnasium, mjlab, Playground and vectorized environments."""

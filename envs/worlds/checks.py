@@ -1,4 +1,4 @@
-"""Check a task's model, the shapes that its methods return, and what is given to its worlds.
+"""Check a task's model, the shapes of its methods' results, actions and masks.
 
 `env` is an `Environment` that is being built.
 """

@@ -1,4 +1,4 @@
-"""One robot in real time, live or recorded, with the actions of the page, and what it is sent."""
+"""Move one robot in real time, live or recorded, and encode its model and poses for the page."""
 
 import math
 from abc import ABC, abstractmethod
