@@ -46,15 +46,20 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> MorlaxError:
     return MorlaxError(f"unknown {kind} {shortened(name)}{guess}{listed}")
 
 
+def line(error: BaseException) -> str:
+    """Return what an error says in one line."""
+    return " ".join(str(error).split())
+
+
 def words(error: BaseException) -> str:
     """Return an error of a user's own code, with its type, in one line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return f"{type(error).__name__}: {line(error)}"
 
 
 def located(error: BaseException, file: str | None = None) -> str:
     """Return the `words` of an error, with the last line of `file` that it came through."""
-    line = line_in(error, file)
-    return f"{words(error)} ({file}, line {line})" if line else words(error)
+    number = line_in(error, file)
+    return f"{words(error)} ({file}, line {number})" if number else words(error)
 
 
 def line_in(error: BaseException, file: str | None) -> int | None:

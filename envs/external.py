@@ -37,18 +37,12 @@ def from_file(name: str) -> type[Worlds]:
 
 def from_entry_point(name: str) -> type[Worlds]:
     """Load the task that an installed package offers as `name`."""
-    points = metadata.entry_points(group=GROUP, name=name)
-    values = sorted({point.value for point in points})
-    if len(values) > 1:
-        raise MorlaxError(
-            f"several packages offer an environment called {name!r} ({', '.join(values)}): "
-            "uninstall all but one."
-        )
+    point, *_ = metadata.entry_points(group=GROUP, name=name)
     try:
-        task = next(iter(points)).load()
+        task = point.load()
     except (Exception, SystemExit) as error:  # any error of the package's own code
         raise MorlaxError(
-            f"the environment {name!r} cannot be imported from {values[0]}: {words(error)}"
+            f"the environment {name!r} cannot be imported from {point.value}: {words(error)}"
         ) from None
     return checked(task)
 

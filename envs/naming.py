@@ -12,14 +12,6 @@ PLAYGROUND = "playground:"  # before a task of MuJoCo Playground's registry
 _TRUSTED: set[str] = set()
 
 
-def check_name(name: object) -> None:
-    """Raise MorlaxError unless this can be the name of a task."""
-    if not isinstance(name, str):
-        raise MorlaxError(
-            f"an environment's name is text, such as 'cheetah', not {shortened(name)}."
-        )
-
-
 def is_file(name: str) -> bool:
     """Return whether `name` is FILE.py:CLASS."""
     return name.rpartition(":")[0].endswith(".py") or name.endswith(".py")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from .errors import MorlaxError, unknown
-from .naming import GYMNASIUM, MJLAB, PLAYGROUND, check_name, is_file, offered, trust
+from .naming import GYMNASIUM, MJLAB, PLAYGROUND, is_file, offered, trust
 from .robots import TASKS
 
 if TYPE_CHECKING:
@@ -31,12 +31,9 @@ def register(name: str, task: "type[Worlds]") -> None:
     Raises:
         MorlaxError: the name belongs to another class, or the class is incomplete.
     """
-    from .external import checked
-
-    check_name(name)
     former = _registered(name)
     if former is None:
-        task = checked(task)
+        task = _imported("external:checked")(task)
         _announce(name)
         _REGISTRY[name] = task
     elif former is not task:
@@ -49,31 +46,22 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> "type[Worlds]":
-    """Return the class registered as `name`, "FILE.py:CLASS", "gymnasium:ID" or "mjlab:TASK".
-
-    Also "playground:TASK". Its code runs, and files may name it from now on (see `trust`).
+    """Return the class of a task, by a name as for `make`; files may name it from now on.
 
     Raises:
         MorlaxError: there is no such task, or it cannot be loaded.
     """
-    check_name(name)
     trust(name)
     for prefix, home in _LIBRARIES.items():
         if name.startswith(prefix):
             return _imported(home)(name)
     if is_file(name):
-        from .external import from_file
-
-        return from_file(name)
-    task = _registered(name)
-    if task is None and name in offered():
-        from .external import from_entry_point
-
-        task = from_entry_point(name)
-        register(name, task)
-    if task is None:
-        raise unknown("environment", name, names())
-    return task
+        return _imported("external:from_file")(name)
+    if _registered(name) is None and name in offered():
+        register(name, _imported("external:from_entry_point")(name))
+    if task := _registered(name):
+        return task
+    raise unknown("environment", name, names())
 
 
 def _registered(name: str) -> "type[Worlds] | None":
@@ -90,9 +78,8 @@ def _imported(home: str) -> Any:
 def _announce(name: str) -> None:
     """Register task `name` for `gymnasium.make`: "my_robot" becomes "morlax_torch/MyRobot-v0".
 
-    Adapters are registered by import path, so they are imported only when used. Gymnasium's
-    wrappers are disabled: the adapters check the order of calls themselves, and the passive checker
-    would warn about every vector reward.
+    Gymnasium's wrappers are disabled: the adapters check the order of calls themselves, and the
+    passive checker would warn about every vector reward.
     """
     words = re.split(r"[\W_]+", name)
     identity = f"{NAMESPACE}/{''.join(word[:1].upper() + word[1:] for word in words)}-v0"

@@ -48,9 +48,8 @@ def explained(simulator: str, errors: tuple[type[Exception], ...] = REFUSALS) ->
             if match := re.search(pattern, reason):
                 remedy = advice.format(*(each.lower() for each in match.groups()))
                 break
-        raise MorlaxError(
-            f"{simulator} cannot simulate this model ({reason}): {remedy}."
-        ) from error
+        sentence = f"{simulator} cannot simulate this model ({reason}): {remedy}."
+        raise MorlaxError(sentence) from error
 
 
 class Physics(ABC):

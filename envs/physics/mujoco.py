@@ -12,45 +12,35 @@ from torch import Tensor
 from ..errors import MorlaxError
 from .interface import STATE, STOPS, Physics, explained
 
-_ALL = mujoco.mjtState.mjSTATE_INTEGRATION
-
 
 class PythonBatch:
     """N worlds, stepped one after the other, with what we use of `mujoco.batch.Batch`."""
 
     def __init__(self, model: mujoco.MjModel, nsim: int):
-        self._model, self._size = model, nsim
+        self._model, self._models = model, [model] * nsim
         self._datas = [mujoco.MjData(model) for _ in range(nsim)]
-        self._models = [model] * nsim
-        self.state = np.zeros((nsim, mujoco.mj_stateSize(model, _ALL)))
-        for data, row in zip(self._datas, self.state, strict=True):
-            mujoco.mj_getState(model, data, row, _ALL)
         self._bound: dict[str, NDArray[Any]] = {}
         self._expanded: dict[str, NDArray[Any]] = {}
 
     def bind(self, name: str) -> NDArray[Any]:
         """Return the array `name` of MjData for all worlds, (N, ...), kept up to date."""
         values = np.stack([getattr(data, name) for data in self._datas])
-        if name not in STATE:
-            return self._bound.setdefault(name, values)
-        size = mujoco.mj_stateSize(self._model, STATE[name])
-        start = mujoco.mj_stateSize(self._model, int(STATE[name]) - 1)  # of the parts before it
-        return self.state[:, start : start + size].reshape(values.shape)
+        return self._bound.setdefault(name, values)
 
     def step(self, ids: NDArray[np.int64] | None, nstep: int) -> None:
         """Advance the worlds of these indices (None: all) by `nstep` time steps."""
-        for world in range(self._size) if ids is None else ids:
-            model, data = self._models[world], self._datas[world]
-            mujoco.mj_setState(model, data, self.state[world], _ALL)
-            mujoco.mj_step(model, data, nstep)
-            mujoco.mj_getState(model, data, self.state[world], _ALL)
+        for world in range(len(self._datas)) if ids is None else ids:
+            data = self._datas[world]
+            for name in self._bound.keys() & STATE:
+                setattr(data, name, self._bound[name][world])
+            mujoco.mj_step(self._models[world], data, nstep)
             for name, values in self._bound.items():
                 values[world] = getattr(data, name)
 
     def expand(self, name: str) -> NDArray[Any]:
         """Return the array `name` of MjModel for all worlds, (N, ...), to write to."""
         if self._models[0] is self._model:
-            self._models = [copy.copy(self._model) for _ in range(self._size)]
+            self._models = [copy.copy(self._model) for _ in self._models]
         self._expanded[name] = self.expanded(name)
         return self._expanded[name]
 

@@ -11,7 +11,7 @@ import warp as wp
 from mujoco_warp._src.types import OverflowType  # public since 4.0
 from torch import Tensor
 
-from ..errors import MorlaxError
+from ..errors import MorlaxError, line
 from . import compiling
 from .interface import Physics, explained
 from .mujoco import MODEL_FIELDS, cannot_vary, varying
@@ -87,7 +87,7 @@ class WarpPhysics(Physics):
         except ValueError as error:  # an array has 2^31 entries or more
             raise MorlaxError(
                 f"MuJoCo Warp cannot hold {num_worlds} worlds with task.nconmax {nconmax} and "
-                f"task.njmax {njmax}: {' '.join(str(error).split())}"
+                f"task.njmax {njmax}: {line(error)}"
             ) from None
 
     def step(self) -> None:

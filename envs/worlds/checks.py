@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, MorlaxWarning
+from ..errors import MorlaxError, MorlaxWarning, line
 from .trees import base_of
 
 
@@ -31,7 +31,7 @@ def start(env: Any) -> np.ndarray:
     """Return `initial_qpos()` if it has the shape (nq,)."""
     qpos, nq = np.asarray(env.initial_qpos()), env.physics.model.nq
     if qpos.shape != (nq,):
-        raise _wrong(env, "initial_qpos()", qpos.shape, f"({nq},), one number per qpos")
+        raise _wrong(env, "initial_qpos()", qpos, f"({nq},), one number per qpos")
     return qpos
 
 
@@ -41,9 +41,8 @@ def state(env: Any) -> dict[str, Tensor]:
     tensors = {"command": command} if _shape(command)[:1] == (N,) else {}
     tensors |= env.initial_state()
     for name, value in tensors.items():
-        if not isinstance(value, Tensor) or value.shape[:1] != (N,):
-            expected = f"({N}, ...), one row per world"
-            raise _wrong(env, f"initial_state()[{name!r}]", _shape(value), expected)
+        if _shape(value)[:1] != (N,):
+            raise _wrong(env, f"initial_state()[{name!r}]", value, f"({N}, ...), one row per world")
     return tensors
 
 
@@ -57,13 +56,13 @@ class Unsaved:
     def warn(self, saved: Iterable[Tensor]) -> None:
         """Warn, once of each, of tensors that have changed and share no memory with those saved."""
         memory = {value.untyped_storage().data_ptr() for value in saved}
-        new = []
-        for name, value in _attributes(self._env):
-            former = self._former.setdefault(name, value.clone())
-            same = value.shape == former.shape and torch.equal(value, former)
-            kept = value.untyped_storage().data_ptr() in memory
-            if not (same or kept or name in self._warned):
-                new.append(name)
+        new = [
+            name
+            for name, value in _attributes(self._env)
+            if not torch.equal(value, self._former.setdefault(name, value.clone()))
+            and value.untyped_storage().data_ptr() not in memory
+            and name not in self._warned
+        ]
         self._warned.update(new)
         if new:
             warnings.warn(
@@ -78,11 +77,10 @@ class Unsaved:
 def _attributes(env: Any) -> Iterator[tuple[str, Tensor]]:
     """Return the attributes (N, ...), also of dictionaries and lists, with their names."""
     for name, value in vars(env).items():
+        values = dict(enumerate(value)) if isinstance(value, list | tuple) else value
         parts = {name: value}
-        if isinstance(value, list | tuple):
-            value = dict(enumerate(value))
-        if isinstance(value, dict):
-            parts = {f"{name}[{key!r}]": part for key, part in value.items()}
+        if isinstance(values, dict):
+            parts = {f"{name}[{key!r}]": part for key, part in values.items()}
         for label, part in parts.items():
             if isinstance(part, np.ndarray) and part.dtype.kind in "biuf":
                 part = torch.from_numpy(part)
@@ -96,20 +94,19 @@ def rows(env: Any, method: str, letter: str) -> int:
     if values is None:
         return 0
     if _shape(values)[:1] != (N,) or values.ndim != 2:
-        raise _wrong(env, f"{method}()", _shape(values), f"({N}, {letter}), one row per world")
+        raise _wrong(env, f"{method}()", values, f"({N}, {letter}), one row per world")
     return values.shape[1]
 
 
 def sizes(env: Any) -> None:
     """Refuse robots that cannot act, policies that would see nothing, and a wrong `layout()`."""
     task = type(env).__name__
-    if env.action_size < 1 and not env.physics.model.nu:
-        raise MorlaxError(
-            f"the model of {task} has no actuators, as from a URDF: add an <actuator> section to "
-            "the MJCF, or motors with spec.add_actuator of mujoco.MjSpec in load_model."
-        )
     if min(env.action_size, env.observation_size) < 1:
-        raise MorlaxError(f"{task} needs at least one action and one observed number.")
+        raise MorlaxError(
+            f"{task} needs at least one action and one observed number. A model from a URDF has no "
+            "actuators: add an <actuator> section to the MJCF, or motors with spec.add_actuator of "
+            "mujoco.MjSpec in load_model."
+        )
     named = sum(part.size for part in env.layout())
     if named != env.observation_size:
         raise MorlaxError(
@@ -127,7 +124,7 @@ def control(env: Any) -> None:
     except RuntimeError as error:
         raise MorlaxError(
             f"{task}.apply() cannot turn actions of shape {shape} into physics.ctrl of shape "
-            f"{tuple(ctrl.shape)}: {' '.join(str(error).split())}"
+            f"{tuple(ctrl.shape)}: {line(error)}"
         ) from None
     if env.physics.ctrl is not ctrl:
         raise MorlaxError(
@@ -139,14 +136,12 @@ def control(env: Any) -> None:
 
 def rewards(env: Any) -> None:
     """Check that `terms()` returns (N,) by name and `failed()` (N,) bool."""
-    N = env.num_worlds
+    N, failed = env.num_worlds, env.failed()
     for name, term in env.terms().items():
         if _shape(term) != (N,):
-            raise _wrong(env, f"terms()[{name!r}]", _shape(term), f"({N},), one number per world")
-    failed = env.failed()
+            raise _wrong(env, f"terms()[{name!r}]", term, f"({N},), one number per world")
     if _shape(failed) != (N,) or failed.dtype != torch.bool:
-        expected = f"({N},) of torch.bool, one answer per world"
-        raise _wrong(env, "failed()", f"{_shape(failed)} of {_kind(failed)}", expected)
+        raise _wrong(env, "failed()", failed, f"({N},) of torch.bool, one answer per world")
 
 
 def action(worlds: Any, values: Any) -> None:
@@ -163,11 +158,11 @@ def action(worlds: Any, values: Any) -> None:
 
 def mask(worlds: Any, which: Any) -> None:
     """Refuse masks that are not (N,) bool, one answer for each world."""
-    shape = (worlds.num_worlds,)
-    if not isinstance(which, Tensor) or which.dtype != torch.bool or which.shape != shape:
+    shape, dtype = (worlds.num_worlds,), getattr(which, "dtype", type(which).__name__)
+    if _shape(which) != shape or dtype != torch.bool:
         raise MorlaxError(
             f"restart needs a mask of shape {shape} and torch.bool, one answer for each world, not "
-            f"{_shape(which)} of {_kind(which)}."
+            f"{_shape(which)} of {dtype}."
         )
 
 
@@ -175,9 +170,6 @@ def _shape(value: object) -> tuple[int, ...]:
     return tuple(getattr(value, "shape", ()))
 
 
-def _kind(value: object) -> object:
-    return getattr(value, "dtype", type(value).__name__)
-
-
-def _wrong(env: Any, what: str, shape: object, expected: str) -> MorlaxError:
+def _wrong(env: Any, what: str, value: object, expected: str) -> MorlaxError:
+    shape = _shape(value)
     return MorlaxError(f"{type(env).__name__}.{what} has shape {shape}: it must be {expected}.")

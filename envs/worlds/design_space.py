@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from mujoco import MjModel, MjSpec
 
-from ..errors import MorlaxError, shortened, unknown
+from ..errors import MorlaxError, line, shortened, unknown
 
 SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "neq", "nsensordata"
 DEPTH = 1e-3  # m that a body may penetrate more than the default body does at the start
@@ -88,24 +88,15 @@ class Bank(NamedTuple):
     kept: np.ndarray  # (given,) bool, of the given designs: whether they compile and start freely
 
 
-def compiled(task: Any, values: Mapping[str, float]) -> MjModel:
-    """Return the model of a robot, an `Environment`, with these values of its design parameters."""
-    return _compiled(task, values)[1]
-
-
-def mjcf(task: Any, values: Mapping[str, float]) -> str:
-    """Return the MJCF of a robot with these design parameters."""
-    return _compiled(task, values)[0].to_xml()
-
-
-def _compiled(task: Any, values: Mapping[str, float]) -> tuple[MjSpec, MjModel]:
-    space, spec = DesignSpace(task.designs), task.load_spec()
-    design = space.named(space.vector(values))
+def compiled(task: Any, values: Mapping[str, float]) -> tuple[MjSpec, MjModel]:
+    """Compile a robot, an `Environment`, with these values of its design parameters."""
+    space = DesignSpace(task.designs)
+    design, spec = space.named(space.vector(values)), task.load_spec()
     try:
         task.shape(spec, design)
         return spec, spec.compile()
     except ValueError as error:
-        raise MorlaxError(f"{task.__name__}: {design} makes no body: {_line(error)}") from None
+        raise MorlaxError(f"{task.__name__}: {design} makes no body: {line(error)}") from None
 
 
 def compile_bank(env: Any, designs: np.ndarray) -> Bank:
@@ -128,7 +119,7 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
             task.shape(shaped, space.named(design))
             model = task.prepared(shaped.compile(), env.options)
         except ValueError as error:
-            reason = _line(error)
+            reason = line(error).rstrip(".")
             continue
         for size in SIZES:
             if getattr(model, size) != getattr(base, size):
@@ -142,8 +133,9 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
             models.append(model)
             starts.append(qpos)
     if not models:
-        words = f"none of {len(designs)} designs makes a body"
-        raise MorlaxError(f"{task.__name__}: {words}: {reason}.")
+        raise MorlaxError(
+            f"{task.__name__}: none of {len(designs)} designs makes a body: {reason}."
+        )
     return Bank(designs[kept], models, starts, kept)
 
 
@@ -153,7 +145,3 @@ def _depth(model: MjModel, qpos: np.ndarray) -> float:
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
     return -float(data.contact.dist.min(initial=0.0))
-
-
-def _line(error: ValueError) -> str:
-    return " ".join(str(error).split()).rstrip(".")

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..devices import Draws, restore_generator
-from ..errors import MorlaxError, MorlaxWarning
+from ..errors import MorlaxError, MorlaxWarning, line
 from ..physics.interface import Physics, explained
 from ..physics.mujoco import MujocoPhysics
 from . import checks, episodes, randomization
@@ -55,11 +55,11 @@ class Environment(Robot):
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
     ):
         self.physics, self.options, self.auto_reset = physics, options, auto_reset
-        self._end, self._put = episodes.end, episodes.restart
+        self._episodes: Any = episodes
         if physics.device.type == "cuda":
             from . import episode_kernels  # one launch each, where torch takes a dozen
 
-            self._end, self._put = episode_kernels.end, episode_kernels.restart
+            self._episodes = episode_kernels
         self.num_worlds, self.device = physics.num_worlds, physics.device
         self.simulator = physics.name
         self.episode_length = options.episode_length
@@ -69,8 +69,6 @@ class Environment(Robot):
         self.starts = self.prepare_starts(seed)
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
-        # where() would fill one each time
-        self._zero = torch.zeros((), dtype=torch.float32, device=self.device)
         self._unsaved = checks.Unsaved(self)
         self.state = checks.state(self)
         self._initial = {name: value.clone() for name, value in self.state.items()}
@@ -144,18 +142,15 @@ class Environment(Robot):
         try:
             return read(str(path))
         except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise MorlaxError(f"MuJoCo cannot load {path} of {cls.__name__}: {reason}") from None
+            task = cls.__name__
+            raise MorlaxError(f"MuJoCo cannot load {path} of {task}: {line(error)}") from None
 
     @classmethod
     def model_for(cls, options: Any) -> mujoco.MjModel:
         """Return the model of this robot under `options`, of the class `Options`."""
-        if options.design and not cls.designs:
-            raise MorlaxError(
-                f"{cls.__name__} declares no design parameters, so leave out task.design "
-                f"({', '.join(options.design)})."
-            )
-        return compiled(cls, options.design) if cls.designs else cls.load_model()
+        if cls.designs or options.design:
+            return compiled(cls, options.design)[1]
+        return cls.load_model()
 
     @classmethod
     def shape(cls, spec: mujoco.MjSpec, design: dict[str, float]) -> None:
@@ -279,8 +274,7 @@ class Environment(Robot):
         self._restart(fresh)
 
     def reset(self) -> Tensor:
-        everywhere = torch.ones_like(self.age, dtype=torch.bool)
-        self._restart(everywhere)
+        self._restart(torch.ones_like(self.age, dtype=torch.bool))
         if self.options.stagger:  # the ages of first episodes only
             self.age.random_(0, self.episode_length, generator=self.generator)
         if self._noise:
@@ -311,10 +305,10 @@ class Environment(Robot):
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
         failed, length = self.failed(), self.episode_length
-        terminated, truncated, over, blown_up = self._end(
+        terminated, truncated, over, blown_up = self._episodes.end(
             self.physics, action, final_seen, failed, length, self.age, reward, terms, self.blowups
         )
-        final_seen = torch.where(blown_up[:, None], self._zero, final_seen)
+        final_seen = final_seen.masked_fill(blown_up[:, None], 0.0)
         if self.auto_reset:
             self._restart(over)
             seen = self.critic_observation()
@@ -336,7 +330,7 @@ class Environment(Robot):
 
     def _restart(self, over: Tensor) -> None:
         starts = self.starts.draw(self.draws)
-        self._put(self.physics, over, starts, self.age)
+        self._episodes.restart(self.physics, over, starts, self.age)
         for values, initial in self.physics.parts.values():
             episodes.refill(over, initial, values)
         for name, values in self.state.items():
@@ -365,24 +359,24 @@ class Environment(Robot):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         # The state may come from the other simulator: what it lacks of the physics or of the task's
         # own tensors is reset.
-        saved = self._state()
-        initial = {f"state.{name}": value for name, value in self._initial.items()}
         if new := [name for name in self.state if f"state.{name}" not in state]:
             warnings.warn(
                 f"the saved worlds lack {', '.join(new)} of the task, which is reset instead.",
                 MorlaxWarning,
                 stacklevel=2,
             )
-        initial |= {"act": self._zero, "ctrl": self._zero}
-        initial |= {name: start for name, (_, start) in self.physics.parts.items()}
-        missing = [name for name in saved if name not in state and name not in initial]
-        if missing:
+        values = {"act": torch.zeros(()), "ctrl": torch.zeros(())}
+        values |= {name: start for name, (_, start) in self.physics.parts.items()}
+        values |= {f"state.{name}": value for name, value in self._initial.items()}
+        values |= state
+        saved = self._state()
+        if missing := saved.keys() - values:
             raise MorlaxError(
-                f"the saved worlds lack {', '.join(missing)}, which the options of this task "
-                "need: resume with the config of the saved run."
+                f"the saved worlds lack {', '.join(sorted(missing))}, which the options of this "
+                "task need: resume with the config of the saved run."
             )
         for name, value in saved.items():
-            value.copy_(state[name] if name in state else initial[name])
+            value.copy_(values[name])
         if self._model:
             self.physics.vary({name: value.numpy() for name, value in self._model.items()})
         if self.embodied is not None:
@@ -404,9 +398,8 @@ class Environment(Robot):
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         """Return how observations and actions are mirrored, found by an experiment."""
         # A few of the models that a task may draw decide nothing: compare the nominal one.
-        nominal: Any = type(
-            type(self).__name__, (type(self),), {"vary_model": lambda env, seed: {}}
-        )
+        task = type(self)
+        nominal: Any = type(task.__name__, (task,), {"vary_model": lambda env, seed: {}})
         changes = {"randomization": Randomization(), "stagger": False}
         options = self.options.model_copy(update=changes)
         physics = MujocoPhysics(self.compile_model(options), 2 * PAIRS, self.substeps)

@@ -13,6 +13,8 @@ from torch import Tensor
 from ..devices import Draws
 from ..physics.interface import Physics
 
+Array = NDArray[np.float64]
+
 NOISY_STARTS = 1024
 _EQ = mujoco.mjtEq
 LOOPS = [int(kind) for kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD, _EQ.mjEQ_JOINT, _EQ.mjEQ_TENDON)]
@@ -24,9 +26,9 @@ MAX_VELOCITY = 1e4  # m/s, rad/s
 class Start(NamedTuple):
     """An initial state and its control."""
 
-    qpos: NDArray[np.float64]  # (nq,)
-    qvel: NDArray[np.float64]  # (nv,)
-    ctrl: NDArray[np.float64]  # (nu,)
+    qpos: Array  # (nq,)
+    qvel: Array  # (nv,)
+    ctrl: Array  # (nu,)
     model: mujoco.MjModel | None = None  # of its body; None: that of all worlds
 
 
@@ -67,11 +69,7 @@ class Starts:
 
 
 def around(
-    qpos: NDArray[np.float64],
-    noise: float,
-    model: mujoco.MjModel,
-    seed: int,
-    number: int = NOISY_STARTS,
+    qpos: Array, noise: float, model: mujoco.MjModel, seed: int, number: int = NOISY_STARTS
 ) -> Iterable[Start]:
     """Yield one state at rest, with positions (nq,), or with noise `number` states around it.
 
@@ -94,7 +92,7 @@ def around(
 class Loops:
     """The equality constraints of a model, as positions (nq,) satisfy or violate them."""
 
-    def __init__(self, model: mujoco.MjModel, qpos: NDArray[np.float64]):
+    def __init__(self, model: mujoco.MjModel, qpos: Array):
         self._model = model = copy.copy(model)
         off = mujoco.mjtDisableBit
         model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
@@ -102,7 +100,7 @@ class Loops:
         self._data = mujoco.MjData(model)
         self._offset = self._errors(qpos)[0]
 
-    def close(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:
+    def close(self, qpos: Array, qvel: Array) -> None:
         """Move a state to the nearest one that violates constraints as the first did, in place."""
         for _ in range(MOST_CORRECTIONS):
             errors, jacobian = self._errors(qpos)
@@ -113,7 +111,7 @@ class Loops:
             mujoco.mj_integratePos(self._model, qpos, change, 1)
         qvel -= np.linalg.lstsq(jacobian, jacobian @ qvel)[0]
 
-    def _errors(self, qpos: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _errors(self, qpos: Array) -> tuple[Array, Array]:
         """Return the violations (ne,) at positions (nq,), and their derivatives (ne, nv)."""
         data = self._data
         data.qpos[:] = qpos
@@ -163,13 +161,11 @@ def end(
 def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:
     """Put the worlds that are `over` (N,) bool into the states of `Starts.draw`, at age zero."""
     done = over.nonzero().squeeze(-1)
-    rows, qpos, qvel, ctrl, sensors = starts
-    rows = rows[done]
-    physics.qpos[done] = qpos[rows]
-    physics.qvel[done] = qvel[rows]
-    physics.ctrl[done] = ctrl[rows]
+    rows, *states = starts
+    targets = physics.qpos, physics.qvel, physics.ctrl, physics.sensors
+    for values, state in zip(targets, states, strict=True):
+        values[done] = state[rows[done]]
     physics.act[done] = 0.0
-    physics.sensors[done] = sensors[rows]
     physics.warmstart[done] = 0.0
     age[done] = 0
 

@@ -95,11 +95,7 @@ class Worlds(ABC):
         auto_reset: bool,
         deterministic: bool,
     ) -> Self:
-        """Build N worlds; `envs.make` calls this with validated `options` of class `Options`.
-
-        Raises:
-            MorlaxError: these worlds cannot run on the device or backend.
-        """
+        """Build N worlds; `envs.make` calls this with validated `options` of class `Options`."""
 
     @abstractmethod
     def reset(self) -> Tensor:

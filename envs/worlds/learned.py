@@ -42,10 +42,9 @@ class LearnedReward(nn.Module):
         self.observation_size, self.action_size = observation_size, action_size
         self.members, self.hidden = members, list(hidden)
         inputs = 2 * observation_size + action_size
-        sizes = (inputs, *hidden, 1)
         self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
         single = torch.float32
-        for rows, columns in pairwise(sizes):
+        for rows, columns in pairwise((inputs, *hidden, 1)):
             drawn = torch.randn(members, rows, columns, generator=generator, dtype=single)
             self.weights.append(nn.Parameter(drawn / rows**0.5))
             self.biases.append(nn.Parameter(torch.zeros(members, 1, columns, dtype=single)))
@@ -81,19 +80,16 @@ class LearnedReward(nn.Module):
         try:
             data = path.read_bytes()
         except (OSError, ValueError) as error:  # ValueError: the path has a NUL
-            reason = getattr(error, "strerror", None) or error
-            raise MorlaxError(f"cannot read the learned reward {path}: {reason}.") from None
+            raise MorlaxError(f"cannot read the learned reward {path}: {error}.") from None
         try:
-            if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
-                raise ValueError("a checksum is wrong")
+            sound = zipfile.ZipFile(io.BytesIO(data)).testzip() is None  # torch checks no checksum
             values = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-            if values.pop("format") != FORMAT:
-                raise ValueError("the format is that of another version")
+            sound &= values.pop("format") == FORMAT
             state = values.pop("state")
             reward = cls(**values)
             reward.load_state_dict(state)
-            if not all(value.isfinite().all() for value in state.values()):
-                raise ValueError("a parameter is not finite")
+            if not (sound and all(value.isfinite().all() for value in state.values())):
+                raise ValueError("not a sound learned reward")
         except MemoryError:
             raise
         except Exception:  # zip, pickle and torch each fail in their own way on a damaged file

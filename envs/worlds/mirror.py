@@ -3,11 +3,12 @@
 The mirror flips y: a position or velocity (x, y, z) becomes (x, -y, z), and an axial vector, such
 as the axis of a rotation, (-x, y, -z).
 
-`check` compares the numbers of a model, which tell how joints and motors are mirrored.
-`find_mirror` also simulates the robot beside its mirror image: what both observe tells how
-observations are mirrored, so that tasks need not declare it.
+`check` compares the numbers of a model, which tell how joints and motors are mirrored, and its
+accelerations. `find_mirror` also simulates the robot beside its mirror image: what both observe
+tells how observations are mirrored, so that tasks need not declare it.
 """
 
+import copy
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, Self
@@ -42,7 +43,10 @@ SPREAD = 0.2  # of the start, in m, rad, m/s and rad/s
 EXACT, USUAL, TINY = 0.01, 1e-4, 1e-7
 ALIKE, ALMOST = 0.1, 0.3  # in the mean, of rewards and observations, where a tolerance is given
 
+POSES, ACCELERATION = 8, 1e-4  # random states, and the share by which accelerations may differ
+
 Array = NDArray[np.float64]
+Pairs = tuple[str, NDArray, NDArray]  # a kind of things, their rows (n,) and their partners' (n,)
 
 
 class Reflection(NamedTuple):
@@ -71,11 +75,6 @@ class Reflection(NamedTuple):
             start += len(part.order)
         return cls(torch.cat(orders), torch.cat(signs))
 
-    @property
-    def is_none(self) -> bool:
-        """Whether it changes nothing."""
-        return bool((self.order == torch.arange(len(self.order))).all() and (self.sign > 0).all())
-
     def first(self, size: int) -> Self:
         """Return the reflection of the first features alone."""
         return self._replace(order=self.order[:size], sign=self.sign[:size])
@@ -103,14 +102,6 @@ class Motion(NamedTuple):
     motors: Reflection  # of ctrl
 
 
-class Pairs(NamedTuple):
-    """Bodies, geoms, joints or actuators, and their mirrored partners, by index."""
-
-    kind: str
-    rows: NDArray[np.intp]  # (n,)
-    partners: NDArray[np.intp]  # (n,)
-
-
 def _cannot(reason: str) -> MorlaxError:
     return MorlaxError(
         f"this robot cannot be symmetric, since {reason}: set network.symmetric to false, or "
@@ -126,16 +117,15 @@ def check(model: mujoco.MjModel, tolerance: float = 0.0, *, scene: bool = True) 
     """
     motion = _motion(model)
     shares = _Comparison(model, motion, scene).shares
-    if differences := [(share, words) for share, words in shares if share > tolerance]:
+    if differences := [each for each in shares if each[0] > tolerance]:
         differences.sort(key=lambda each: -each[0])
         words = "; ".join(words for _, words in differences[:NAMED])
         words += f"; and {len(differences) - NAMED} more" if len(differences) > NAMED else ""
         most = np.ceil(differences[0][0] * 1000) / 1000
         accept = f", or accept this: --network.symmetry-tolerance {most:g}" if most <= 1 else ""
-        raise MorlaxError(
-            f"left and right of this robot differ ({words}): set network.symmetric to false{accept}"
-            "."
-        )
+        advice = f"set network.symmetric to false{accept}"
+        raise MorlaxError(f"left and right of this robot differ ({words}): {advice}.")
+    _check_accelerations(model, motion, tolerance)
     return motion
 
 
@@ -178,8 +168,8 @@ def _motion(model: mujoco.MjModel) -> Motion:
     for start, dof in zip(model.jnt_qposadr[free], model.jnt_dofadr[free], strict=True):
         positions.sign[start : start + 7] = torch.tensor([*FLIP, 1.0, *-FLIP])
         velocities.sign[dof : dof + 6] = torch.tensor([*FLIP, *-FLIP])
-    for reflection, where in ((positions, model.jnt_qposadr), (velocities, model.jnt_dofadr)):
-        rows = torch.from_numpy(where[joints]).long()
+    for reflection, addresses in ((positions, model.jnt_qposadr), (velocities, model.jnt_dofadr)):
+        rows = torch.from_numpy(addresses[joints]).long()
         reflection.order[rows], reflection.sign[rows] = rows[order], sign
 
     if len(model.actuator_trntype) != model.nu or model.actuator_trntype.any():  # 0: of a joint
@@ -225,37 +215,34 @@ class _Comparison:
         return getattr(self._model, kind)(row).name or f"{kind} {row}{home}"
 
     def _compare(
-        self,
-        field: str,
-        pairs: Pairs,
-        values: Array,
-        mirrored: Array,
-        scale: Array | float | None = None,
+        self, field: str, pairs: Pairs, values: Array, mirrored: Array, scale: Any = None
     ) -> None:
         """Compare values (all, c) of things with the mirrored ones of their partners, (all, c).
 
         Rounding is relative to `scale`, (all, 1) or a number, if values are smaller, and
         differences are shares of its largest number: by default of the largest one in a column.
         """
-        if not len(pairs.rows):
+        kind, rows, images = pairs
+        if not len(rows):
             return
-        here, image = (x.reshape(len(x), -1).astype(float) for x in (values, mirrored))
-        here, image = here[pairs.rows], image[pairs.partners]
+        here = values.reshape(len(values), -1)[rows].astype(float)
+        image = mirrored.reshape(len(mirrored), -1)[images].astype(float)
         apart, sizes = abs(here - image), np.maximum(abs(here), abs(image))
-        if isinstance(scale, np.ndarray):
-            scale = scale[pairs.rows]
-        largest = sizes.max(0) if scale is None else np.max(scale)
-        far = apart > ROUNDING * np.maximum(sizes, SMALLEST * largest if scale is None else scale)
+        if scale is None:
+            largest = sizes.max(0)
+            scale = SMALLEST * largest
+        else:
+            scale = np.broadcast_to(scale, (len(values), 1))[rows]
+            largest = scale.max()
+        far = apart > ROUNDING * np.maximum(sizes, scale)
         shares = np.where(far, apart / np.maximum(largest, 1e-300), 0.0)
         for i in np.flatnonzero(far.any(1)).tolist():
-            k, row, partner = int(shares[i].argmax()), pairs.rows[i], pairs.partners[i]
-            other = "its mirror image" if row == partner else self._name(pairs.kind, partner)
-            words = f"{field} of {self._name(pairs.kind, row)} {here[i, k]:.6g}, of {other} "
+            k = int(shares[i].argmax())
+            other = "its mirror image" if rows[i] == images[i] else self._name(kind, images[i])
+            words = f"{field} of {self._name(kind, rows[i])} {here[i, k]:.6g}, of {other} "
             self.shares.append((float(shares[i, k]), f"{words}{image[i, k]:.6g}"))
 
-    def _fields(
-        self, prefix: str, pairs: Pairs, signs: Array | float = 1.0, rows: Any = slice(None)
-    ) -> None:
+    def _fields(self, prefix: str, pairs: Pairs, signs: Any = 1.0, rows: Any = slice(None)) -> None:
         """Compare all other numbers of things: `rows` of the fields that start with `prefix`."""
         for field in dir(self._model):
             values = getattr(self._model, field, None) if field.startswith(f"{prefix}_") else None
@@ -271,8 +258,8 @@ class _Comparison:
     def _masses(self, links: dict[int, int]) -> None:
         """Compare links: bodies that move together."""
         model, data = self._model, self._data
-        rows = np.array([pair for pair in links.items() if pair[0] <= pair[1]], int).reshape(-1, 2)
-        pairs = Pairs("body", *rows.T)
+        once = [pair for pair in links.items() if pair[0] <= pair[1]]
+        pairs = "body", *np.array(once, int).reshape(-1, 2).T
         inertias = np.zeros((model.nbody, 10))
         np.add.at(inertias, model.body_weldid, data.cinert)  # xx, yy, zz, xy, xz, yz; m r; m
         inertia, moment, mass = np.split(inertias, [6, 9], 1)
@@ -303,10 +290,9 @@ class _Comparison:
         numbers, order = linear_sum_assignment(np.where(unlike, 1e9, apart))
         alone = unlike[numbers, order]
         for geom in rows[alone].tolist():
-            words = f"{self._name('geom', geom)} has no mirrored partner"
-            self.shares.append((np.inf, words))
+            self.shares.append((np.inf, f"{self._name('geom', geom)} has no mirrored partner"))
         once = ~alone & ((numbers <= order) | (order[order] != numbers))
-        pairs = Pairs("geom", rows[once], rows[order[once]])
+        pairs = "geom", rows[once], rows[order[once]]
         self._compare("position", pairs, shapes[:, :3], mirrored[:, :3], self._size)
         self._compare("size or direction", pairs, shapes[:, 3:], mirrored[:, 3:], self._size)
         self._fields("geom", pairs)
@@ -314,21 +300,14 @@ class _Comparison:
     def _shape(self, geom: int) -> Array:
         """Return a geom's center (3,), and a matrix (9,) that stretches a cube or ball to it."""
         model, turn = self._model, self._data.geom_xmat[geom].reshape(3, 3)
-        center, extents = self._data.geom_xpos[geom], model.geom_size[geom]
-        radius, half, _ = extents
-        match int(model.geom_type[geom]):
-            case mjtGeom.mjGEOM_PLANE:
-                center, extents = turn[:, 2] * (turn[:, 2] @ center), np.array([0.0, 0.0, 1.0])
-            case mjtGeom.mjGEOM_CAPSULE | mjtGeom.mjGEOM_CYLINDER:
-                extents = np.array([radius, radius, radius + half])
-            case mjtGeom.mjGEOM_SPHERE:
-                extents = np.full(3, radius)
-            case mjtGeom.mjGEOM_MESH:  # left and right may have other vertices: compare its box
-                mesh = model.mesh(model.geom_dataid[geom])
-                start, number = mesh.vertadr[0], mesh.vertnum[0]
-                vertices = model.mesh_vert[start : start + number] @ turn.T
-                low, high = vertices.min(0), vertices.max(0)
-                center, turn, extents = center + (low + high) / 2, np.eye(3), (high - low) / 2
+        center, extents = self._data.geom_xpos[geom], model.geom_aabb[geom, 3:]
+        if model.geom_type[geom] == mjtGeom.mjGEOM_PLANE:
+            center, extents = turn[:, 2] * (turn[:, 2] @ center), np.array([0.0, 0.0, 1.0])
+        if model.geom_type[geom] == mjtGeom.mjGEOM_MESH:  # sides may have other vertices: its box
+            mesh = model.mesh(model.geom_dataid[geom])
+            vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]] @ turn.T
+            low, high = vertices.min(0), vertices.max(0)
+            center, turn, extents = center + (low + high) / 2, np.eye(3), (high - low) / 2
         return np.concatenate([center, (turn * extents @ turn.T).ravel()])
 
     def _joints(self, partner: NDArray, velocities: Reflection) -> None:
@@ -337,7 +316,7 @@ class _Comparison:
         dofs, slides = model.jnt_dofadr, model.jnt_type[:, None] == mjtJoint.mjJNT_SLIDE
         single = model.jnt_type >= int(mjtJoint.mjJNT_SLIDE)
         joints = np.flatnonzero(single & (np.arange(model.njnt) <= partner))
-        pairs, axes = Pairs("joint", joints, partner[joints]), data.xaxis
+        pairs, axes = ("joint", joints, partner[joints]), data.xaxis
         signs = velocities.sign.double().numpy()[dofs, None]
         arms = data.xanchor - data.subtree_com[model.body_rootid[model.jnt_bodyid]]
         moments = np.where(slides, 0.0, np.cross(arms, axes))
@@ -352,13 +331,57 @@ class _Comparison:
     def _motors(self, motors: Reflection) -> None:
         model, order, signs = self._model, motors.order.numpy(), motors.sign.numpy()[:, None]
         rows = np.flatnonzero(np.arange(model.nu) <= order)
-        pairs, gear = Pairs("actuator", rows, order[rows]), abs(model.actuator_gear[:, 0])
+        pairs, gear = ("actuator", rows, order[rows]), abs(model.actuator_gear[:, 0])
         # force = (gain + gain length + gain velocity) ctrl + bias + bias length + bias velocity
         for field, turned in (("actuator_gainprm", [0, 1, 1]), ("actuator_biasprm", [1, 0, 0])):
             values = getattr(model, field)[:, :3]
             self._compare(field, pairs, values, values * signs**turned)
         self._compare("actuator_gear", pairs, gear, gear)
         self._fields("actuator", pairs, signs)
+
+
+def _check_accelerations(model: mujoco.MjModel, motion: Motion, tolerance: float) -> None:
+    """Refuse robots of which a joint accelerates unlike its mirror image in a random state.
+
+    With a tolerance, only what tendons and constraints add to accelerations is compared.
+    """
+    if tolerance and not (model.ntendon or model.neq):
+        return
+    bound = copy.copy(model)
+    bound.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    bound.opt.solver, bound.opt.iterations = mujoco.mjtSolver.mjSOL_NEWTON, 200
+    bound.opt.tolerance, bound.opt.noslip_iterations = 1e-12, 0
+    bound.jnt_limited[:] = False  # ranges have been compared
+    loose, data, random = copy.copy(bound), mujoco.MjData(bound), np.random.default_rng(0)
+    loose.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
+    for field in ("stiffness", "damping", "frictionloss", "armature", "limited"):
+        getattr(loose, f"tendon_{field}")[:] = 0
+
+    def accelerations(*state: Array) -> Array:
+        total = np.zeros(model.nv)
+        for robot, sign in ((bound, 1.0), (loose, -1.0 if tolerance else 0.0)):
+            mujoco.mj_resetData(robot, data)
+            data.qpos[:], data.qvel[:], data.ctrl[:] = state
+            mujoco.mj_forward(robot, data)
+            total += sign * data.qacc
+        return total
+
+    apart, sizes = np.zeros((2, model.nv))
+    for _ in range(POSES):
+        qpos, shift = posed(model).qpos, random.uniform(-0.3, 0.3, model.nv)
+        mujoco.mj_integratePos(model, qpos, shift, 1.0)
+        state = qpos, random.uniform(-1, 1, model.nv), random.uniform(-1, 1, model.nu)
+        image = [turn(torch.from_numpy(x)).numpy() for turn, x in zip(motion, state, strict=True)]
+        expected = motion.velocities(torch.from_numpy(accelerations(*state))).numpy()
+        apart += abs(expected - accelerations(*image))
+        sizes += abs(expected)
+    excess = apart - (ALMOST * sizes.max() if tolerance else ACCELERATION * sizes)
+    if excess.max() > 1e-9:
+        joint = int(model.dof_jntid[excess.argmax()])
+        raise _cannot(
+            f"{model.joint(joint).name or f'joint {joint}'} and its mirror image accelerate "
+            "differently, such as by a tendon or constraint that one side lacks"
+        )
 
 
 def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
@@ -378,7 +401,7 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
     for start, change in zip(physics.qpos.numpy(), shift.numpy(), strict=False):
         mujoco.mj_integratePos(physics.model, start, change, 1.0)
     physics.qvel[:PAIRS] = speed
-    seen, earned, speeds = [], [], []
+    seen, earned = [], []
     for _ in range(STEPS):
         action = draw(PAIRS, worlds.action_size)
         for values, reflection in (
@@ -390,24 +413,14 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
         step = worlds.step(torch.cat([action, motion.motors(action)]))
         seen.append(step.final_critic_observation.unflatten(0, (2, PAIRS)))
         earned.append(step.reward.unflatten(0, (2, PAIRS)))
-        speeds.append(physics.qvel.clone().unflatten(0, (2, PAIRS)))
-    rewards, mirrored = torch.stack(earned[SETTLE:], 1).flatten(1, 2)
-    speed, other = torch.stack(speeds, 1).flatten(1, 2)
-    speed = motion.velocities(speed)
-    apart = (speed - other).abs()
-    if not tolerance and _far(apart, speed.abs().mean(0)).any():
-        joint = int(physics.model.dof_jntid[int(apart.mean(0).argmax())])
-        raise _cannot(
-            f"{physics.model.joint(joint).name or f'joint {joint}'} and its mirror image "
-            "accelerate differently, such as by a tendon or constraint that one side lacks"
-        )
-    far = _far((rewards - mirrored).abs(), rewards.abs().mean(0), ALIKE if tolerance else None)
+    # (2, n, m) and (2, n, O + P): of robots and their images
+    rewards, images = (torch.stack(x[SETTLE:], 1).flatten(1, 2) for x in (earned, seen))
+    limit = ALIKE if tolerance else None
+    far = _far((rewards[0] - rewards[1]).abs(), rewards[0].abs().mean(0), limit)
     for name in (name for name, each in zip(worlds.objectives, far, strict=True) if each):
         raise _cannot(f"its mirror image has other rewards of the objective {name}")
-    limit = ALMOST if tolerance else None
-    plain, image = torch.stack(seen[SETTLE:], 1).flatten(1, 2)
-    observation = _matching(plain, image, limit)
-    if observation.is_none:
+    observation = _matching(*images, ALMOST if tolerance else None)
+    if (observation.order.diff() == 1).all() and (observation.sign > 0).all():
         raise _cannot("it has no left and right")
     return Mirror(observation, motion.motors)
 

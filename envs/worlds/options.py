@@ -51,18 +51,12 @@ class Section(BaseModel):
     @field_validator("*")
     @classmethod
     def _moderate(cls, value: object) -> object:
-        for number in _floats(value):
-            if abs(number) > LARGEST:
-                raise ValueError(f"{number:g} is too large: use at most {LARGEST:g} in size")
+        if isinstance(value, dict | tuple | list):
+            for part in value.values() if isinstance(value, dict) else value:
+                cls._moderate(part)
+        elif isinstance(value, float) and abs(value) > LARGEST:
+            raise ValueError(f"{value:g} is too large: use at most {LARGEST:g} in size")
         return value
-
-
-def _floats(value: object) -> Iterable[float]:
-    if isinstance(value, float):
-        yield value
-    elif isinstance(value, dict | tuple | list):
-        for part in value.values() if isinstance(value, dict) else value:
-            yield from _floats(part)
 
 
 def _ordered(limits: tuple[T, T]) -> tuple[T, T]:

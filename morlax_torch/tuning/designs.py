@@ -9,7 +9,7 @@ import torch
 from ..configuration.config import Config
 from ..configuration.tradeoffs import evaluation_tradeoffs
 from ..envs import MorlaxError, get
-from ..envs.worlds.design_space import DesignSpace, mjcf
+from ..envs.worlds.design_space import DesignSpace, compiled
 from ..envs.worlds.environment import Environment
 from ..evaluation import pareto
 from ..evaluation.evaluator import Evaluator, embody, evaluation_worlds
@@ -145,7 +145,8 @@ class Designer:
         figure = designs_figure(policy.objectives, front.returns, front.designs, units, usual)
         save_figure(figure, folder / "designs")
         design = self.space.named(best)
-        write_file(folder / "body.xml", mjcf(get(policy.config.env), design))
+        spec, _ = compiled(get(policy.config.env), design)
+        write_file(folder / "body.xml", spec.to_xml())
         save(policy.for_design(design).cpu(), folder / "body.pt")
         copy_files(policy.config, folder)
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from xml.etree import ElementTree
 
 import mujoco
@@ -12,9 +13,10 @@ from tiny import Blind, learner, tiny
 
 from morlax_torch import MorlaxError, Policy, envs, load, save
 from morlax_torch.algorithms.registry import make_learner
+from morlax_torch.algorithms.trainer import DesignDraws
 from morlax_torch.configuration.files import task_values
 from morlax_torch.configuration.sections import ALGORITHMS
-from morlax_torch.envs.worlds.mirror import Mirror, Reflection
+from morlax_torch.envs.worlds.mirror import Mirror, Reflection, check
 from morlax_torch.exports.exporting import export
 from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.networks.mlp import Symmetric, mlp
@@ -214,6 +216,42 @@ def test_mirror_images_may_have_opposite_axes_and_gears():
     assert mirror.observation(x)[0, 6:12].abs().tolist() == [10, 11, 12, 7, 8, 9]
 
 
+TENDON = """<tendon><fixed stiffness="20"><joint joint="left_hip" coef="1"/>
+<joint joint="left_knee" coef="-1"/></fixed></tendon>"""
+JOINTS = 'joint1="{0}_hip" joint2="{0}_knee"'
+EQUALITY = f'<equality><joint {JOINTS} polycoef="0 {{1}}1 0 0 0"/></equality>'
+LEFT, RIGHT = EQUALITY.format("left", "+"), EQUALITY.format("right", "-")
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.05])
+def test_bodies_of_designs_with_a_tendon_or_constraint_on_one_side_are_refused(tolerance):
+    class Bound(Biped):
+        """A biped whose design binds joints of the left leg to each other."""
+
+        designs = {"bond": envs.DesignParameter(0.0, 0.0, 20.0, "N m/rad")}
+        episode_length = 20
+
+        @classmethod
+        def load_spec(cls) -> mujoco.MjSpec:
+            tendon = TENDON.replace('stiffness="20"', 'name="bond"')
+            return mujoco.MjSpec.from_string(BIPED.replace("<actuator>", tendon + "<actuator>"))
+
+        @classmethod
+        def shape(cls, spec: mujoco.MjSpec, design: dict[str, float]) -> None:
+            spec.tendon("bond").stiffness[0] = design["bond"]
+
+    envs.registry._REGISTRY["bound"] = Bound
+    changes = {"network.symmetric": True, "network.symmetry_tolerance": tolerance}
+    env, config = envs.make("bound", 16, "cpu"), tiny("bound", **changes, **{"sampling.designs": 4})
+    env.mirror(tolerance)
+    with pytest.raises(MorlaxError, match="accelerate differently, such as by a tendon"):
+        DesignDraws(env, config)
+    for constraints, refused in ((LEFT, True), (LEFT + RIGHT, False)):
+        xml = BIPED.replace("<actuator>", constraints + "<actuator>")
+        with pytest.raises(MorlaxError, match="accelerate diff") if refused else nullcontext():
+            check(mujoco.MjModel.from_xml_string(xml), tolerance)
+
+
 def put(tag: str, name: str, **attributes: str) -> Callable[[ElementTree.Element], object]:
     return lambda root: root.find(f".//{tag}[@name='{name}']").attrib.update(attributes)
 
@@ -233,6 +271,8 @@ def put(tag: str, name: str, **attributes: str) -> Callable[[ElementTree.Element
             lambda root: root.find("option").set("gravity", "0 .1 -9.8"),
             "gravity points to one side",
         ),
+        (lambda root: root.append(ElementTree.fromstring(TENDON)), "accelerate differently"),
+        (lambda root: root.append(ElementTree.fromstring(LEFT)), "accelerate differently"),
     ],
 )
 def test_robots_whose_left_and_right_differ_are_refused_by_name(edit, words):
