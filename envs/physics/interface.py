@@ -98,13 +98,13 @@ class Physics(ABC):
     def choose(self, rows: Tensor) -> None:
         """Give each world the kept model of its row (N,); worlds keep their state."""
 
-    @abstractmethod
     def overflow(self) -> Tensor:
         """Return (N,) int32, non-zero where contacts or constraints overflowed their buffers."""
+        return torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
 
-    @abstractmethod
     def remedy(self, bits: int) -> str:
         """Say how to avoid the overflow with the union `bits` of `overflow`."""
+        return ""
 
     def sensor(self, name: str) -> Tensor:
         """Return a view (N, dim) of one sensor's readings."""
@@ -121,8 +121,10 @@ class Physics(ABC):
             raise unknown("part of the state", name, self.parts)
         return self.parts[name][0]
 
-    def _view_parts(self, view: Callable[[str], Tensor]) -> None:
-        """Set `parts`; `view` returns the simulator's array of a name."""
+    def _view_state(self, view: Callable[[str], Tensor]) -> None:
+        """Set the tensors of the state that every model has, and `parts`, to views by name."""
+        self.qpos, self.qvel = view("qpos"), view("qvel")
+        self.ctrl, self.warmstart = view("ctrl"), view("qacc_warmstart")
         data, self.parts = mujoco.MjData(self.model), {}
         for name in (name for name in STATE if name not in MAIN):
             if mujoco.mj_stateSize(self.model, STATE[name]):

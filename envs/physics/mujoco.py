@@ -115,15 +115,12 @@ class MujocoPhysics(Physics):
                 if "bad_alloc" in str(error):
                     raise MemoryError from None
                 raise
-        names = "qpos", "qvel", "ctrl", "qacc_warmstart"
-        self.qpos, self.qvel, self.ctrl, self.warmstart = map(self._view, names)
+        self._view_state(self._view)
         nothing = torch.zeros(num_worlds, 0, dtype=torch.float64)
         self.act = self._view("act") if model.na else nothing
         # MuJoCo's sensor readings are read-only, but a reset has to write them
         self.sensors = torch.zeros(num_worlds, model.nsensordata, dtype=torch.float64)
         self._readings = self._batch.bind("sensordata") if model.nsensordata else None
-        self._view_parts(self._view)
-        self._no_overflow = torch.zeros(num_worlds, dtype=torch.int32)
         self._kept: list[mujoco.MjModel] = []
         self._moving: NDArray[np.int64] | None = None  # indices of worlds; None: all
 
@@ -149,9 +146,3 @@ class MujocoPhysics(Physics):
 
     def choose(self, rows: Tensor) -> None:
         self._batch.set_models([self._kept[row] for row in rows.tolist()])
-
-    def overflow(self) -> Tensor:
-        return self._no_overflow  # C MuJoCo grows its buffers as needed
-
-    def remedy(self, bits: int) -> str:
-        return ""

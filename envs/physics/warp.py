@@ -67,11 +67,8 @@ class WarpPhysics(Physics):
             with explained(self.name):
                 compiling.start(partial(mjw.step, self._model, self._make_data(1)))
             wp.synchronize_device()  # Warp frees the spare data on another stream
-        self.qpos, self.qvel = wp.to_torch(data.qpos), wp.to_torch(data.qvel)
-        self.ctrl, self.act = wp.to_torch(data.ctrl), wp.to_torch(data.act)
-        self.warmstart = wp.to_torch(data.qacc_warmstart)
-        self.sensors = wp.to_torch(data.sensordata)
-        self._view_parts(lambda name: wp.to_torch(getattr(data, name)))
+        self._view_state(lambda name: wp.to_torch(getattr(data, name)))
+        self.act, self.sensors = wp.to_torch(data.act), wp.to_torch(data.sensordata)
         if np.isin(model.eq_type, _ANCHORED).any():
             for i, values in enumerate(map(wp.to_torch, (data.cvel, data.cdof_dot))):
                 self.parts[f"leftover.{i}"] = values, torch.zeros_like(values[0])

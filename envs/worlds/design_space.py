@@ -37,9 +37,6 @@ class DesignSpace:
         columns = np.array([each[:3] for each in self.parameters.values()]).reshape(-1, 3).T
         self.default, self._low, self._high = columns
 
-    def __len__(self) -> int:
-        return len(self.parameters)
-
     def vector(self, values: Mapping[str, float]) -> np.ndarray:
         """Return the design (d,) with these values by name, and defaults for the others."""
         design, names = self.default.copy(), list(self.parameters)
@@ -74,7 +71,7 @@ class DesignSpace:
 
     def spread(self, number: int, seed: int) -> np.ndarray:
         """Return designs (number, d) that cover the space evenly: a scrambled Sobol sequence."""
-        engine = torch.quasirandom.SobolEngine(len(self), scramble=True, seed=seed % 2**63)
+        engine = torch.quasirandom.SobolEngine(len(self.default), scramble=True, seed=seed % 2**63)
         shares = engine.draw(number, dtype=torch.float32).double().numpy()
         return self._low + (self._high - self._low) * shares
 

@@ -20,13 +20,14 @@ from . import checks, episodes, randomization
 from .design_space import Bank, compiled
 from .episodes import Starts, around
 from .interface import TimeStep
-from .learned import LearnedTerm
+from .learned import TERM, LearnedReward
 from .mirror import PAIRS, Mirror, find_mirror
 from .mujoco_robot import Part, Robot
 from .options import Randomization, TaskOptions
 from .randomization import Delay, Noise, Pushes
 
 STARTS_OF_BODY = 16  # noisy initial states of each body, where bodies differ
+SEEN = "learned.before"  # memory of the observation (N, O) that a step starts from, to be rated
 
 
 class Environment(Robot):
@@ -88,9 +89,15 @@ class Environment(Robot):
             self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
         checks.control(self)
         checks.rewards(self)
-        self._judge = LearnedTerm(options.learned, self) if options.learned else None
+        self._learned: LearnedReward | None = None
+        if options.learned:
+            if TERM in self.terms():
+                raise MorlaxError(f"task.learned adds a term {TERM}: rename the task's own.")
+            sizes = self.observation_size, self.action_size
+            self._learned = LearnedReward.load(options.learned, *sizes).to(self.device)
+            self.memory[SEEN] = self.observe().float().clone()
         self.reset()
-        self.reward_terms = (*self.terms(), *(self._judge.terms if self._judge else ()))
+        self.reward_terms = (*self.terms(), *([TERM] if self._learned else []))
         self.define_objectives(physics.qpos.dtype)
 
     @classmethod
@@ -299,8 +306,8 @@ class Environment(Robot):
         if self._noise:  # once per step, so that both observations of a step have the same noise
             self._noise.draw()
         named = self.terms()
-        if self._judge:
-            named |= self._judge(action, self.observe())
+        if self._learned:
+            named[TERM] = self._learned(self.memory[SEEN], action, self.observe().float())
         terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
@@ -341,10 +348,9 @@ class Environment(Robot):
         self._remember()
 
     def _remember(self) -> None:
-        for name, value in self.remember().items():
+        seen = {SEEN: self.observe()} if self._learned else {}
+        for name, value in (self.remember() | seen).items():
             self.memory[name].copy_(value)  # in place: a recorded step keeps its address
-        if self._judge:
-            self._judge.remember(self.observe())
 
     def state_dict(self) -> dict[str, Any]:
         saved = self._state()
@@ -365,7 +371,8 @@ class Environment(Robot):
                 MorlaxWarning,
                 stacklevel=2,
             )
-        values = {"act": torch.zeros(()), "ctrl": torch.zeros(())}
+        zero = torch.zeros((), dtype=torch.float32)
+        values = {"act": zero, "ctrl": zero}
         values |= {name: start for name, (_, start) in self.physics.parts.items()}
         values |= {f"state.{name}": value for name, value in self._initial.items()}
         values |= state
@@ -391,7 +398,7 @@ class Environment(Robot):
         groups = {"memory": self.memory, "model": self._model, "state": self.state}
         for group, tensors in groups.items():
             saved |= {f"{group}.{name}": value for name, value in tensors.items()}
-        for part in filter(None, (self._noise, self._delay, self._judge)):
+        for part in filter(None, (self._noise, self._delay)):
             saved |= part.state
         return saved if self.embodied is None else saved | {"embodied": self.embodied}
 

@@ -103,27 +103,3 @@ class LearnedReward(nn.Module):
                 f"but this task has {observation_size} and {action_size}."
             )
         return reward.requires_grad_(False)
-
-
-class LearnedTerm:
-    """Rates the control steps of an `Environment` by a learned reward, as the term `learned`."""
-
-    terms = (TERM,)
-
-    def __init__(self, path: Path, env: Any):
-        if TERM in env.terms():
-            raise MorlaxError(
-                f"{type(env).__name__} has a reward term of its own with the name {TERM}, which "
-                "task.learned needs: rename it."
-            )
-        reward = LearnedReward.load(path, env.observation_size, env.action_size)
-        self._reward, self._before = reward.to(env.device), env.observe().float().clone()
-        self.state = {"memory.learned.before": self._before}
-
-    def __call__(self, action: Tensor, after: Tensor) -> dict[str, Tensor]:
-        """Rate the step under an action (N, A) to the observation `after` (N, O)."""
-        return {TERM: self._reward(self._before, action, after.float())}
-
-    def remember(self, observation: Tensor) -> None:
-        """Keep the observation (N, O) that the next step starts from."""
-        self._before.copy_(observation)

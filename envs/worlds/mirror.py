@@ -415,28 +415,26 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
         earned.append(step.reward.unflatten(0, (2, PAIRS)))
     # (2, n, m) and (2, n, O + P): of robots and their images
     rewards, images = (torch.stack(x[SETTLE:], 1).flatten(1, 2) for x in (earned, seen))
-    limit = ALIKE if tolerance else None
+    limit, almost = (ALIKE, ALMOST) if tolerance else (EXACT, EXACT)
     far = _far((rewards[0] - rewards[1]).abs(), rewards[0].abs().mean(0), limit)
     for name in (name for name, each in zip(worlds.objectives, far, strict=True) if each):
         raise _cannot(f"its mirror image has other rewards of the objective {name}")
-    observation = _matching(*images, ALMOST if tolerance else None)
+    observation = _matching(*images, almost)
     if (observation.order.diff() == 1).all() and (observation.sign > 0).all():
         raise _cannot("it has no left and right")
     return Mirror(observation, motion.motors)
 
 
-def _far(apart: Tensor, size: Tensor, limit: float | None = None) -> Tensor:
-    """Return (c,) bool: whether differences (n, c) are more than inexact contacts cause.
+def _far(apart: Tensor, size: Tensor, limit: float) -> Tensor:
+    """Return (c,) bool: whether differences (n, c) are in the mean a larger share of `size` (c,).
 
-    With a limit: whether they are a larger share of `size` (c,) in the mean.
+    If EXACT is the limit, few of them may be more than USUAL.
     """
-    mean, typical = apart.mean(0), apart.median(0).values
-    if limit:
-        return mean > limit * size
-    return (mean > EXACT * size + TINY) | (typical > USUAL * size + TINY)
+    far = apart.mean(0) > limit * size + TINY
+    return far | (apart.median(0).values > USUAL * size + TINY) if limit == EXACT else far
 
 
-def _matching(seen: Tensor, image: Tensor, limit: float | None) -> Reflection:
+def _matching(seen: Tensor, image: Tensor, limit: float) -> Reflection:
     """Return the reflection of features (n, S) that explains what the images saw, (n, S)."""
     seen, image = seen.double(), image.double()
     energy, product = seen.square().mean(0), image.T @ seen / len(seen)
