@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
-from .checking import require
+from ..envs.bridges.foreign import require
 from .episode_statistics import EpisodeStatistics
-from .gymnasium_vector import GymnasiumVectorEnv
+from .gymnasium import GymnasiumVectorEnv
 
 require("Stable-Baselines3", "stable-baselines3", "2.7", "sb3")
 

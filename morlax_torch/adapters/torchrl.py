@@ -8,8 +8,9 @@ from torch import Tensor
 
 from .. import envs
 from ..envs import MorlaxError
+from ..envs.bridges.foreign import require
 from ..gpu.graph import Graph
-from .checking import Stepping, require
+from .gymnasium import Stepping
 
 require("TorchRL", "torchrl", "0.14", "torchrl")
 
