@@ -3,7 +3,7 @@
 import re
 from abc import abstractmethod
 from importlib import import_module, metadata
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -58,7 +58,10 @@ class ForeignWorlds(Worlds):
     world that is not finite terminates with zero reward.
     """
 
+    name: ClassVar[str]  # for error messages
     may_recover = False
+    groups: tuple[str, ...]  # of observations, of policies first, in a library that has them
+    age: Tensor  # (N,) int32 control steps of each episode, in a library without time limits
 
     def __init__(
         self,
@@ -104,6 +107,19 @@ class ForeignWorlds(Worlds):
     def _advance(self, action: Tensor) -> Outcome:
         """Step every world; with automatic reset, also restart those whose episode is over."""
 
+    def _ended(
+        self, action: Tensor, final: Tensor, terms: Tensor, failed: Tensor, timed_out: Tensor | bool
+    ) -> Outcome:
+        """Return the outcome of a step in a library without time limits and automatic reset."""
+        blown_up = ~torch.cat([final, terms, action], 1).isfinite().all(1)
+        self.age += 1
+        failed = failed | blown_up
+        timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
+        seen, over = final, failed | timed_out
+        if self.auto_reset and over.any():  # waits for a GPU: most steps copy no whole state
+            seen = self._restart(over, final)
+        return Outcome(seen, final, terms, failed, timed_out, blown_up)
+
     def reset(self) -> Tensor:
         self._seen.copy_(self._start())
         self._failed.zero_()
@@ -148,28 +164,27 @@ class ForeignWorlds(Worlds):
     def critic_observation(self) -> Tensor:
         return self._seen.clone()
 
+    def _size(self, groups: Any) -> None:
+        """Find the groups of observations (N, size) of policies and critics, and set the sizes."""
+        names = list(groups.keys())
+        actor = next((name for name in ACTORS if name in names), None)
+        if actor is None:
+            raise MorlaxError(
+                f"{self.name} has no observations called actor or policy, but {', '.join(names)}."
+            )
+        self.groups = (actor, CRITIC) if CRITIC in names else (actor,)
+        for name in self.groups:
+            if not isinstance(groups[name], Tensor) or groups[name].ndim != 2:
+                raise MorlaxError(
+                    f"the observations {name} of {self.name} are not one vector for each world: "
+                    "policies cannot take images or parts that are not concatenated."
+                )
+        self.observation_size = groups[actor].shape[1]
+        self.privileged_size = sum(groups[name].shape[1] for name in self.groups[1:])
+
+    def _joined(self, groups: Any) -> Tensor:
+        """Return what a policy sees, then what only critics see, (N, O + P)."""
+        return torch.cat([groups[name] for name in self.groups], 1).float()
+
     def _policy(self, seen: Tensor) -> Tensor:
         return seen[:, : self.observation_size]
-
-
-def actor_group(groups: Any, owner: str) -> str:
-    """Return the name of the group that a policy sees."""
-    names = list(groups.keys())
-    actor = next((name for name in ACTORS if name in names), None)
-    if actor is None:
-        raise MorlaxError(
-            f"{owner} has no observations called actor or policy, but {', '.join(names)}."
-        )
-    for name in {actor, CRITIC} & set(names):
-        if not isinstance(groups[name], Tensor) or groups[name].ndim != 2:
-            raise MorlaxError(
-                f"the observations {name} of {owner} are not one vector for each world: policies "
-                "cannot take images or parts that are not concatenated."
-            )
-    return actor
-
-
-def joined(groups: Any, actor: str) -> Tensor:
-    """Return what a policy sees, then what only critics see, (N, O + P)."""
-    parts = [groups[actor], *([groups[CRITIC]] if CRITIC in list(groups.keys()) else [])]
-    return torch.cat(parts, 1).float()

@@ -54,7 +54,14 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
             f"{name} has no vector reward (a reward_space of two numbers or more), so there is "
             "nothing to trade off."
         )
-    observation_size(name, getattr(one, "observation_space", None))
+    seen = getattr(one, "observation_space", None)
+    if not isinstance(seen, Space) or not seen.is_np_flattenable:
+        raise MorlaxError(
+            f"{name} has observations without a fixed size ({seen}): spaces such as Box, Discrete "
+            "or a Dict of them are supported, Sequence and Graph are not."
+        )
+    if not gymnasium.spaces.flatdim(seen):
+        raise MorlaxError(f"{name} has empty observations ({seen}): there is nothing to act on.")
     time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
     terms = [f"reward_{i}" for i in range(rewards.shape[0])]
     least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
@@ -69,7 +76,10 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
         "Options": Options,
         "make_one": staticmethod(make),
         "name": name,
+        "box": space,
         "reward_terms": tuple(terms),
+        "action_size": int(np.prod(space.shape)),
+        "observation_size": gymnasium.spaces.flatdim(seen),
     }
     return type("GymnasiumWorlds", (GymnasiumWorlds,), members)
 
@@ -106,7 +116,7 @@ class GymnasiumWorlds(ForeignWorlds):
     """
 
     make_one: ClassVar[Callable[[], gymnasium.Env]]
-    name: ClassVar[str]
+    box: ClassVar[Box]  # of actions
     simulator = "gymnasium"
 
     def __init__(
@@ -125,12 +135,7 @@ class GymnasiumWorlds(ForeignWorlds):
     def _open(self, seed: int) -> None:
         terms = len(self.reward_terms)
         self._worlds = [CheckedEnv(self.make_one, self.name, terms) for _ in self._episodes]
-        one = self._worlds[0]
-        assert isinstance(one.env.action_space, Box)  # `from_gymnasium` has checked it
-        self._box = one.env.action_space
-        self.action_size = int(np.prod(self._box.shape))
-        self.observation_size = one.observation_size
-        dt = getattr(one.env.unwrapped, "dt", None)  # MuJoCo's environments have it
+        dt = getattr(self._worlds[0].env.unwrapped, "dt", None)  # MuJoCo's environments have it
         if isinstance(dt, float) and dt > 0:
             self.dt = dt
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
@@ -150,22 +155,17 @@ class GymnasiumWorlds(ForeignWorlds):
         return torch.where(which[:, None], _in_float32(self._observation), seen)
 
     def _advance(self, action: Tensor) -> Outcome:
-        low, high = self._box.low / 2, self._box.high / 2  # halved, the sum cannot overflow
-        boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self._box.shape)
-        controls = (high + low + (high - low) * boxes).astype(self._box.dtype)
+        low, high = self.box.low / 2, self.box.high / 2  # halved, the sum cannot overflow
+        boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self.box.shape)
+        controls = (high + low + (high - low) * boxes).astype(self.box.dtype)
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
         failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
-        running, finite = ~(self._failed | self._timed_out), action.isfinite().all(1)
-        self.age += running
-        for world in (running & finite).nonzero().squeeze(1).tolist():
+        running = ~(self._failed | self._timed_out) & action.isfinite().all(1)
+        for world in running.nonzero().squeeze(1).tolist():
             step = self._worlds[world].step(controls[world])
             self._observation[world], rewards[world], failed[world], timed_out[world] = step
         final, paid = _in_float32(self._observation), _in_float32(rewards)
-        finite &= torch.cat([final, paid], 1).isfinite().all(1)
-        failed |= ~finite
-        timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
-        seen = self._restart(failed | timed_out, final) if self.auto_reset else final
-        return Outcome(seen, final, paid, failed, timed_out, ~finite)
+        return self._ended(action, final, paid, failed, timed_out)
 
     def reseed(self, seed: int) -> None:
         super().reseed(seed)
@@ -173,19 +173,6 @@ class GymnasiumWorlds(ForeignWorlds):
 
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self._episodes = episodes.tolist()
-
-
-def observation_size(name: str, space: Any) -> int:
-    """Return how many numbers an observation of `space` has."""
-    if not isinstance(space, Space) or not space.is_np_flattenable:
-        raise MorlaxError(
-            f"{name} has observations without a fixed size ({space}): spaces such as Box, Discrete "
-            "or a Dict of them are supported, Sequence and Graph are not."
-        )
-    size = gymnasium.spaces.flatdim(space)
-    if not size:
-        raise MorlaxError(f"{name} has empty observations ({space}): there is nothing to act on.")
-    return size
 
 
 class CheckedEnv:
@@ -198,7 +185,6 @@ class CheckedEnv:
         module = sys.modules.get(type(self.env.unwrapped).__module__)
         self._file = getattr(module, "__file__", None)
         self._space = self.env.observation_space
-        self.observation_size = observation_size(name, self._space)
 
     def reset(self, seed: int | None) -> NDArray[np.float64]:
         """Start an episode; returns the observation (O,)."""
@@ -215,9 +201,7 @@ class CheckedEnv:
         answer = self._call("step()", self.env.step, control)
         with self._fitting("step() must return (observation, reward, terminated, truncated, info)"):
             observation, reward, terminated, truncated, _ = answer
-            paid = np.asarray(reward, np.float64)
-            if paid.shape != self._rewards:
-                raise ValueError(f"a reward of shape {paid.shape}, not {self._rewards}")
+            paid = _shaped("a reward", reward, self._rewards)
             return self._flat(observation), paid, bool(terminated), bool(truncated)
 
     def _call(self, method: str, function: Callable[..., Any], *values: Any, **named: Any) -> Any:
@@ -242,15 +226,18 @@ class CheckedEnv:
             ) from None
 
     def _flat(self, observation: Any) -> NDArray[np.float64]:
-        size = self._space.shape
-        if not isinstance(self._space, Box):
-            with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
-                observation = gymnasium.spaces.flatten(self._space, observation)
-            size = (self.observation_size,)
-        flat = np.asarray(observation, np.float64)
-        if flat.shape != size:
-            raise ValueError(f"an observation of shape {flat.shape}, not {size}")
-        return flat.reshape(-1)
+        if isinstance(self._space, Box):
+            return _shaped("an observation", observation, self._space.shape).reshape(-1)
+        with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
+            flat = gymnasium.spaces.flatten(self._space, observation)
+        return _shaped("an observation", flat, (gymnasium.spaces.flatdim(self._space),))
+
+
+def _shaped(what: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    array = np.asarray(values, np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{what} of shape {array.shape}, not {shape}")
+    return array
 
 
 def _in_float32(values: NDArray[np.float64]) -> Tensor:

@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 from ..devices import drawing_from
 from ..errors import MorlaxError, words
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
-from .foreign import ForeignWorlds, Outcome, actor_group, joined
+from .foreign import ForeignWorlds, Outcome
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
@@ -74,6 +74,7 @@ class VecEnvWorlds(ForeignWorlds):
 
     make_env: Any
     read_terms: Any
+    name = "the vectorized environment"
     shows_endings = False
     simulator = "a vectorized environment"
     options: Any
@@ -156,8 +157,5 @@ class VecEnvWorlds(ForeignWorlds):
             groups = groups[0]
         if isinstance(groups, Tensor):
             groups = {"actor": groups}
-        actor = actor_group(groups, "the vectorized environment")
-        seen = joined(groups, actor)[: self.num_worlds]
-        self.observation_size = groups[actor].shape[1]
-        self.privileged_size = seen.shape[1] - self.observation_size
-        return seen
+        self._size(groups)
+        return self._joined(groups)[: self.num_worlds]

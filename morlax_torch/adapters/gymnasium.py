@@ -42,67 +42,64 @@ class UnknownOption(MorlaxError, TypeError):
 
 
 class Pictures:
-    """Draws a robot. It opens OpenGL with the first picture."""
+    """Draws a robot, or shows it in a window. It opens either with the first picture."""
 
     def __init__(self, robot: Robot, width: int, height: int):
         model = robot.physics.model
-        self.data = mujoco.MjData(model)
-        self._model, self._size = model, (width, height)
+        self._model, self._data, self._dt = model, mujoco.MjData(model), robot.dt
+        self._size = width, height
         self._scene: Scene | None = None
+        self._viewer: Any = None
         # all pictures share the camera's distance, which is chosen by the model's own pose
-        mujoco.mj_forward(model, self.data)
+        mujoco.mj_forward(model, self._data)
         self._camera = FollowingCamera(model, width / height, base=robot.base)
-        self._camera.restart(self.data)
-
-    def pose(self, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
-        """Put the robot into a state, qpos (nq,) and qvel (nv,); returns `data`."""
-        self.data.qpos[:] = qpos.cpu().numpy()
-        self.data.qvel[:] = qvel.cpu().numpy()
-        mujoco.mj_forward(self._model, self.data)
-        return self.data
+        self._camera.restart(self._data)
 
     def draw(self, qpos: Tensor, qvel: Tensor) -> NDArray[np.uint8]:
-        """Return a picture of the robot in a state, (height, width, 3) RGB."""
+        """Return a picture of a state, qpos (nq,) and qvel (nv,): (height, width, 3) RGB."""
         if self._scene is None:
             self._scene = Scene(self._model, *self._size)
-        data, camera = self.pose(qpos, qvel), self._camera.camera
-        camera.lookat[:] = data.subtree_com[self._camera.base]
-        return self._scene.draw(data, camera)
+        self._pose(qpos, qvel)
+        camera = self._camera.camera
+        camera.lookat[:] = self._data.subtree_com[self._camera.base]
+        return self._scene.draw(self._data, camera)
 
-    def close(self) -> None:
-        """Free the renderer."""
-        if self._scene is not None:
-            self._scene.close()
-        self._scene = None
-
-
-class Window:
-    """MuJoCo's passive viewer, which shows a state that its caller changes in place every dt s."""
-
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
-        import glfw
-        import mujoco.viewer
-
-        # check first: MuJoCo's viewer would fail in its own thread while its caller waits forever
-        with warnings.catch_warnings(action="ignore"):
-            has_screen = glfw.init()
-        if not has_screen:
-            raise MorlaxError("there is no screen here: use 'rgb_array'.")
-        try:
-            self._viewer = mujoco.viewer.launch_passive(
-                model, data, show_left_ui=False, show_right_ui=False
-            )
-        except RuntimeError as error:  # macOS opens windows only under mjpython
-            raise MorlaxError(f"MuJoCo cannot open a window here: {error}.") from None
-        self._dt, self._due = dt, time.monotonic()
-        self.close = self._viewer.close
-
-    def show(self) -> None:
-        """Show the current state of `data`, at least `dt` seconds after the previous call."""
+    def show(self, qpos: Tensor, qvel: Tensor) -> None:
+        """Show a state in MuJoCo's passive viewer, a control step after the previous one."""
+        self._pose(qpos, qvel)
+        if self._viewer is None:
+            self._viewer, self._due = _window(self._model, self._data), time.monotonic()
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = max(self._due, time.monotonic()) + self._dt
         if self._viewer.is_running():
             self._viewer.sync()
+
+    def close(self) -> None:
+        """Close the window and free the renderer."""
+        for opened in filter(None, (self._scene, self._viewer)):
+            opened.close()
+        self._scene = self._viewer = None
+
+    def _pose(self, qpos: Tensor, qvel: Tensor) -> None:
+        self._data.qpos[:] = qpos.cpu().numpy()
+        self._data.qvel[:] = qvel.cpu().numpy()
+        mujoco.mj_forward(self._model, self._data)
+
+
+def _window(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
+    """Open MuJoCo's passive viewer, which shows what its caller changes in `data`."""
+    import glfw
+    import mujoco.viewer
+
+    # check first: MuJoCo's viewer would fail in its own thread while its caller waits forever
+    with warnings.catch_warnings(action="ignore"):
+        has_screen = glfw.init()
+    if not has_screen:
+        raise MorlaxError("there is no screen here: use 'rgb_array'.")
+    try:
+        return mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    except RuntimeError as error:  # macOS opens windows only under mjpython
+        raise MorlaxError(f"MuJoCo cannot open a window here: {error}.") from None
 
 
 class OneTask:
@@ -158,6 +155,11 @@ class OneTask:
         self._was_reset = True
         return self.worlds.reset()
 
+    def close_extras(self, **_: Any) -> None:
+        """Close the window and free the renderer."""
+        if self._pictures is not None:
+            self._pictures.close()
+
     def _check_reset(self, call: str) -> None:
         if not self._was_reset:
             raise MorlaxError(f"{call} was called before reset: call reset first.")
@@ -209,7 +211,6 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         self.action_space = box(worlds.action_size, 1.0)
         self.reward_dim = len(worlds.objectives)
         self._show(tradeoff, width, height)
-        self._window: Window | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -265,19 +266,13 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         self._check_reset("render")
         physics = self.worlds.physics
         state = physics.qpos[0], physics.qvel[0]
-        if self.render_mode == "rgb_array":
-            return self._pictures.draw(*state)
-        data = self._pictures.pose(*state)
-        self._window = self._window or Window(physics.model, data, self.worlds.dt)
-        return self._window.show()
+        if self.render_mode == "human":
+            return self._pictures.show(*state)
+        return self._pictures.draw(*state)
 
     def close(self) -> None:
         """Close the window and free the renderer."""
-        if self._pictures is not None:
-            self._pictures.close()
-        if self._window is not None:
-            self._window.close()
-        self._window = None
+        self.close_extras()
 
 
 class Stepping:
@@ -429,11 +424,6 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
     def call(self, name: str, *args: Any, **kwargs: Any) -> Any:
         """Call a method of the batch; skrl's `wrap_env` renders in this way."""
         return getattr(self, name)(*args, **kwargs)
-
-    def close_extras(self) -> None:
-        """Free the renderer."""
-        if self._pictures is not None:
-            self._pictures.close()
 
 
 def _one_seed(seeds: Sequence[int], number: int) -> int:
