@@ -133,9 +133,9 @@ class GymnasiumWorlds(ForeignWorlds):
         return cls(options, num_worlds, seed, auto_reset)
 
     def _open(self, seed: int) -> None:
-        terms = len(self.reward_terms)
-        self._worlds = [CheckedEnv(self.make_one, self.name, terms) for _ in self._episodes]
-        dt = getattr(self._worlds[0].env.unwrapped, "dt", None)  # MuJoCo's environments have it
+        self._envs = [self._call(self.make_one, "its constructor") for _ in self._episodes]
+        self._space = self._envs[0].observation_space
+        dt = getattr(self._envs[0].unwrapped, "dt", None)  # MuJoCo's environments have it
         if isinstance(dt, float) and dt > 0:
             self.dt = dt
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
@@ -149,8 +149,14 @@ class GymnasiumWorlds(ForeignWorlds):
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         for world in which.nonzero().squeeze(1).tolist():
-            self._observation[world] = self._worlds[world].reset(self._seeds[world])
+            env, seed = self._envs[world], self._seeds[world]
             self._seeds[world] = None  # later resets continue its random draws
+            answer = self._call(partial(env.reset, seed=seed), "reset()", env)
+            with self._fitting("reset() must return (observation, info)"):
+                observation, _ = answer
+                self._observation[world] = self._flat(observation)
+                if not (abs(self._observation[world]) <= LARGEST).all():
+                    raise ValueError("an observation is not finite in float32")
         self.age.masked_fill_(which, 0)
         return torch.where(which[:, None], _in_float32(self._observation), seen)
 
@@ -161,9 +167,15 @@ class GymnasiumWorlds(ForeignWorlds):
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
         failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
         running = ~(self._failed | self._timed_out) & action.isfinite().all(1)
+        rule = "step() must return (observation, reward, terminated, truncated, info)"
         for world in running.nonzero().squeeze(1).tolist():
-            step = self._worlds[world].step(controls[world])
-            self._observation[world], rewards[world], failed[world], timed_out[world] = step
+            env = self._envs[world]
+            answer = self._call(partial(env.step, controls[world]), "step()", env)
+            with self._fitting(rule):
+                observation, reward, terminated, truncated, _ = answer
+                rewards[world] = _shaped("a reward", reward, rewards[world].shape)
+                self._observation[world] = self._flat(observation)
+                failed[world], timed_out[world] = bool(terminated), bool(truncated)
         final, paid = _in_float32(self._observation), _in_float32(rewards)
         return self._ended(action, final, paid, failed, timed_out)
 
@@ -174,45 +186,16 @@ class GymnasiumWorlds(ForeignWorlds):
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self._episodes = episodes.tolist()
 
-
-class CheckedEnv:
-    """An environment whose observations and rewards are flat arrays of the right sizes."""
-
-    def __init__(self, make: Callable[[], gymnasium.Env], name: str, num_rewards: int):
-        self.name, self._rewards = name, (num_rewards,)
-        self._file: str | None = None  # of the environment's class, for error messages
-        self.env: gymnasium.Env = self._call("its constructor", make)
-        module = sys.modules.get(type(self.env.unwrapped).__module__)
-        self._file = getattr(module, "__file__", None)
-        self._space = self.env.observation_space
-
-    def reset(self, seed: int | None) -> NDArray[np.float64]:
-        """Start an episode; returns the observation (O,)."""
-        answer = self._call("reset()", self.env.reset, seed=seed)
-        with self._fitting("reset() must return (observation, info)"):
-            observation, _ = answer
-            flat = self._flat(observation)
-            if not (abs(flat) <= LARGEST).all():
-                raise ValueError("an observation is not finite in float32")
-            return flat
-
-    def step(self, control: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64], bool, bool]:
-        """Advance; returns the observation (O,), the reward (m,), terminated and truncated."""
-        answer = self._call("step()", self.env.step, control)
-        with self._fitting("step() must return (observation, reward, terminated, truncated, info)"):
-            observation, reward, terminated, truncated, _ = answer
-            paid = _shaped("a reward", reward, self._rewards)
-            return self._flat(observation), paid, bool(terminated), bool(truncated)
-
-    def _call(self, method: str, function: Callable[..., Any], *values: Any, **named: Any) -> Any:
+    def _call(self, function: Callable[[], Any], label: str, env: gymnasium.Env | None = None):
+        """Call a function of an environment; name the line of its class if it fails."""
         try:
-            return function(*values, **named)
+            return function()
         except (MorlaxError, MemoryError):
             raise
         except (Exception, SystemExit) as error:  # any error of the user's own code
-            raise MorlaxError(
-                f"{self.name}: {method} fails: {located(error, self._file)}"
-            ) from error
+            module = sys.modules.get(type(env and env.unwrapped).__module__)
+            cause = located(error, getattr(module, "__file__", None))
+            raise MorlaxError(f"{self.name}: {label} fails: {cause}") from error
 
     @contextmanager
     def _fitting(self, rule: str) -> Iterator[None]:
@@ -230,7 +213,7 @@ class CheckedEnv:
             return _shaped("an observation", observation, self._space.shape).reshape(-1)
         with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
             flat = gymnasium.spaces.flatten(self._space, observation)
-        return _shaped("an observation", flat, (gymnasium.spaces.flatdim(self._space),))
+        return _shaped("an observation", flat, (self.observation_size,))
 
 
 def _shaped(what: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
