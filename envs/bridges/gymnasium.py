@@ -119,20 +119,16 @@ class GymnasiumWorlds(ForeignWorlds):
     box: ClassVar[Box]  # of actions
     simulator = "gymnasium"
 
-    def __init__(
-        self, options: ObjectiveOptions, num_worlds: int, seed: int = 0, auto_reset: bool = True
-    ):
-        self._episodes = list(range(num_worlds))
-        super().__init__(options, num_worlds, torch.device("cpu"), seed, auto_reset)
-        self.reseed(seed)  # the first `reset` starts from the seed, too
-
     @classmethod
     def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
         if device.type != "cpu" or backend == "warp":
             raise MorlaxError(f"{cls.name} runs only on the CPU: use --device cpu and no backend.")
-        return cls(options, num_worlds, seed, auto_reset)
+        worlds = cls(options, num_worlds, device, seed, auto_reset)
+        worlds.reseed(seed)  # the first `reset` starts from the seed, too
+        return worlds
 
     def _open(self, seed: int) -> None:
+        self._episodes = list(range(self.num_worlds))
         self._envs = [self._call(self.make_one, "its constructor") for _ in self._episodes]
         self._space = self._envs[0].observation_space
         dt = getattr(self._envs[0].unwrapped, "dt", None)  # MuJoCo's environments have it
@@ -186,10 +182,10 @@ class GymnasiumWorlds(ForeignWorlds):
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self._episodes = episodes.tolist()
 
-    def _call(self, function: Callable[[], Any], label: str, env: gymnasium.Env | None = None):
+    def _call(self, run: Callable[[], Any], label: str, env: gymnasium.Env | None = None) -> Any:
         """Call a function of an environment; name the line of its class if it fails."""
         try:
-            return function()
+            return run()
         except (MorlaxError, MemoryError):
             raise
         except (Exception, SystemExit) as error:  # any error of the user's own code

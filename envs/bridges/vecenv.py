@@ -88,11 +88,17 @@ class VecEnvWorlds(ForeignWorlds):
                     f"make_env fails: {words(error)}. If it may build one environment only, let it "
                     "return the same environment again: evaluations need it too."
                 ) from None
-            self._check()
+            worlds, device = self.env.num_envs, torch.device(self.env.device)
+            enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
+            if device.type != self.device.type or not enough:
+                raise MorlaxError(
+                    f"the vectorized environment has {worlds} worlds on {device}, but there should "
+                    f"be {self.num_worlds} on {self.device}: let make_env pass both on, or lower "
+                    "evaluation.tradeoffs or evaluation.seeds."
+                )
             self.action_size = int(self.env.num_actions)
             self._features(self.env.reset())
-            shape = self.env.num_envs, self.action_size
-            still = torch.zeros(shape, dtype=torch.float32, device=self.device)
+            still = torch.zeros(worlds, self.action_size, dtype=torch.float32, device=self.device)
             _, _, _, extras = self.env.step(still)
             self.reward_terms = tuple(self.read_terms(self.env, extras))
 
@@ -141,16 +147,6 @@ class VecEnvWorlds(ForeignWorlds):
                 f"shape ({self.env.num_envs},), one number for each world."
             )
         return value[: self.num_worlds]
-
-    def _check(self) -> None:
-        worlds, device = self.env.num_envs, torch.device(self.env.device)
-        enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
-        if device.type != self.device.type or not enough:
-            raise MorlaxError(
-                f"the vectorized environment has {worlds} worlds on {device}, but there should be "
-                f"{self.num_worlds} on {self.device}: let make_env pass both on, or lower "
-                "evaluation.tradeoffs or evaluation.seeds."
-            )
 
     def _features(self, groups: Any) -> Tensor:
         if isinstance(groups, tuple):  # with extras, from a reset
