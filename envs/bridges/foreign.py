@@ -78,8 +78,7 @@ class ForeignWorlds(Worlds):
         self._open(seed)
         self.define_objectives()
         # in place, since a recorded step reads what the one before wrote
-        self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
-        self._timed_out = torch.zeros_like(self._failed)
+        self._over = torch.zeros(2, num_worlds, dtype=torch.bool, device=device)  # failed, late
         self._seen = self._start()
 
     @classmethod
@@ -122,31 +121,27 @@ class ForeignWorlds(Worlds):
 
     def reset(self) -> Tensor:
         self._seen.copy_(self._start())
-        self._failed.zero_()
-        self._timed_out.zero_()
+        self._over.zero_()
         return self._policy(self._seen.clone())
 
     def restart(self, which: Tensor) -> Tensor:
         checks.mask(self, which)
         self._seen.copy_(self._restart(which, self._seen))
-        self._failed &= ~which
-        self._timed_out &= ~which
+        self._over &= ~which
         return self._policy(self._seen.clone())
 
     def step(self, action: Tensor) -> TimeStep:
         checks.action(self, action)
-        standing = self._failed | self._timed_out  # none with automatic reset
+        standing = self._over.any(0)  # none with automatic reset
         seen, final, paid, failed, timed_out, blown_up = self._advance(action)
         blown_up = blown_up & ~standing
         paid = torch.where((standing | blown_up)[:, None], 0.0, paid)
         final = torch.where(blown_up[:, None], 0.0, final)
         if not self.auto_reset:
             final = torch.where(standing[:, None], self._seen, final)
-            failed = torch.where(standing, self._failed, failed)
-            timed_out = torch.where(standing, self._timed_out, timed_out)
+            self._over.copy_(torch.where(standing, self._over, torch.stack([failed, timed_out])))
+            failed, timed_out = self._over.clone()
             seen = torch.where((failed | timed_out)[:, None], final, seen)
-            self._failed.copy_(failed)
-            self._timed_out.copy_(timed_out)
         self._seen.copy_(seen)
         self.blowups += blown_up.sum()
         return TimeStep(

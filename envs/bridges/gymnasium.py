@@ -162,7 +162,7 @@ class GymnasiumWorlds(ForeignWorlds):
         controls = (high + low + (high - low) * boxes).astype(self.box.dtype)
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
         failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
-        running = ~(self._failed | self._timed_out) & action.isfinite().all(1)
+        running = ~self._over.any(0) & action.isfinite().all(1)
         rule = "step() must return (observation, reward, terminated, truncated, info)"
         for world in running.nonzero().squeeze(1).tolist():
             env = self._envs[world]

@@ -176,7 +176,7 @@ def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
         return {"stiffness": None, "damping": None, "torque": None}
     (index,) = indices
     limited, most = model.actuator_forcelimited[index], model.actuator_forcerange[index, 1]
-    motor = {"stiffness": None, "damping": None, "torque": float(most) if limited else None}
+    row = {"stiffness": None, "damping": None, "torque": float(most) if limited else None}
     gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
     if (
         model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
@@ -186,8 +186,8 @@ def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
         and bias[0] == 0
         and gain[0] == -bias[1] > 0
     ):
-        motor |= {"stiffness": float(gain[0]), "damping": float(-bias[2])}
-    return motor
+        row |= {"stiffness": float(gain[0]), "damping": float(-bias[2])}
+    return row
 
 
 def _clip(terms: list[Any]) -> list[list[float]] | None:
