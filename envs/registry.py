@@ -93,8 +93,8 @@ def _announce(name: str) -> None:
         )
     gymnasium.register(
         identity,
-        entry_point=f"{NAMESPACE}.adapters.gymnasium_single:GymnasiumEnv",
-        vector_entry_point=f"{NAMESPACE}.adapters.gymnasium_vector:GymnasiumVectorEnv",
+        entry_point=f"{NAMESPACE}.adapters.gymnasium:GymnasiumEnv",
+        vector_entry_point=f"{NAMESPACE}.adapters.gymnasium:GymnasiumVectorEnv",
         order_enforce=False,
         disable_env_checker=True,
         kwargs={"task": name},

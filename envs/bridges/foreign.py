@@ -1,18 +1,32 @@
 """Worlds that another library steps."""
 
+import re
 from abc import abstractmethod
-from importlib import import_module
-from typing import Any, NamedTuple
+from importlib import import_module, metadata
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, words
+from ..errors import MorlaxError, installation, words
 from ..worlds import checks
 from ..worlds.interface import TimeStep, Worlds
 
 ACTORS = ("actor", "policy")  # names of the group that a policy sees
 CRITIC = "critic"  # what only critics see
+
+
+def require(name: str, package: str, least: str, extra: str, note: str = "") -> None:
+    """Check that a library, PyPI's `package`, is installed by our `extra` and recent enough."""
+    try:
+        version = metadata.version(package)
+    except metadata.PackageNotFoundError:
+        version = "none"
+    if [*map(int, re.findall(r"\d+", version)[:2])] < [*map(int, least.split("."))]:
+        raise MorlaxError(
+            f"{name} {least} or later is needed, but {version} is installed: {installation(extra)}"
+            f"{note}."
+        )
 
 
 def imported(name: str) -> str:
@@ -44,7 +58,10 @@ class ForeignWorlds(Worlds):
     world that is not finite terminates with zero reward.
     """
 
+    name: ClassVar[str]  # for error messages
     may_recover = False
+    groups: tuple[str, ...]  # of observations, of policies first, in a library that has them
+    age: Tensor  # (N,) int32 control steps of each episode, in a library without time limits
 
     def __init__(
         self,
@@ -61,8 +78,7 @@ class ForeignWorlds(Worlds):
         self._open(seed)
         self.define_objectives()
         # in place, since a recorded step reads what the one before wrote
-        self._failed = torch.zeros(num_worlds, dtype=torch.bool, device=device)
-        self._timed_out = torch.zeros_like(self._failed)
+        self._over = torch.zeros(2, num_worlds, dtype=torch.bool, device=device)  # failed, late
         self._seen = self._start()
 
     @classmethod
@@ -90,33 +106,42 @@ class ForeignWorlds(Worlds):
     def _advance(self, action: Tensor) -> Outcome:
         """Step every world; with automatic reset, also restart those whose episode is over."""
 
+    def _ended(
+        self, action: Tensor, final: Tensor, terms: Tensor, failed: Tensor, timed_out: Tensor | bool
+    ) -> Outcome:
+        """Return the outcome of a step in a library without time limits and automatic reset."""
+        blown_up = ~torch.cat([final, terms, action], 1).isfinite().all(1)
+        self.age += 1
+        failed = failed | blown_up
+        timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
+        seen, over = final, failed | timed_out
+        if self.auto_reset and over.any():  # waits for a GPU: most steps copy no whole state
+            seen = self._restart(over, final)
+        return Outcome(seen, final, terms, failed, timed_out, blown_up)
+
     def reset(self) -> Tensor:
         self._seen.copy_(self._start())
-        self._failed.zero_()
-        self._timed_out.zero_()
+        self._over.zero_()
         return self._policy(self._seen.clone())
 
     def restart(self, which: Tensor) -> Tensor:
         checks.mask(self, which)
         self._seen.copy_(self._restart(which, self._seen))
-        self._failed &= ~which
-        self._timed_out &= ~which
+        self._over &= ~which
         return self._policy(self._seen.clone())
 
     def step(self, action: Tensor) -> TimeStep:
         checks.action(self, action)
-        standing = self._failed | self._timed_out  # none with automatic reset
+        standing = self._over.any(0)  # none with automatic reset
         seen, final, paid, failed, timed_out, blown_up = self._advance(action)
         blown_up = blown_up & ~standing
         paid = torch.where((standing | blown_up)[:, None], 0.0, paid)
         final = torch.where(blown_up[:, None], 0.0, final)
         if not self.auto_reset:
             final = torch.where(standing[:, None], self._seen, final)
-            failed = torch.where(standing, self._failed, failed)
-            timed_out = torch.where(standing, self._timed_out, timed_out)
+            self._over.copy_(torch.where(standing, self._over, torch.stack([failed, timed_out])))
+            failed, timed_out = self._over.clone()
             seen = torch.where((failed | timed_out)[:, None], final, seen)
-            self._failed.copy_(failed)
-            self._timed_out.copy_(timed_out)
         self._seen.copy_(seen)
         self.blowups += blown_up.sum()
         return TimeStep(
@@ -134,28 +159,27 @@ class ForeignWorlds(Worlds):
     def critic_observation(self) -> Tensor:
         return self._seen.clone()
 
+    def _size(self, groups: Any) -> None:
+        """Find the groups of observations (N, size) of policies and critics, and set the sizes."""
+        names = list(groups.keys())
+        actor = next((name for name in ACTORS if name in names), None)
+        if actor is None:
+            raise MorlaxError(
+                f"{self.name} has no observations called actor or policy, but {', '.join(names)}."
+            )
+        self.groups = (actor, CRITIC) if CRITIC in names else (actor,)
+        for name in self.groups:
+            if not isinstance(groups[name], Tensor) or groups[name].ndim != 2:
+                raise MorlaxError(
+                    f"the observations {name} of {self.name} are not one vector for each world: "
+                    "policies cannot take images or parts that are not concatenated."
+                )
+        self.observation_size = groups[actor].shape[1]
+        self.privileged_size = sum(groups[name].shape[1] for name in self.groups[1:])
+
+    def _joined(self, groups: Any) -> Tensor:
+        """Return what a policy sees, then what only critics see, (N, O + P)."""
+        return torch.cat([groups[name] for name in self.groups], 1).float()
+
     def _policy(self, seen: Tensor) -> Tensor:
         return seen[:, : self.observation_size]
-
-
-def actor_group(groups: Any, owner: str) -> str:
-    """Return the name of the group that a policy sees."""
-    names = list(groups.keys())
-    actor = next((name for name in ACTORS if name in names), None)
-    if actor is None:
-        raise MorlaxError(
-            f"{owner} has no observations called actor or policy, but {', '.join(names)}."
-        )
-    for name in {actor, CRITIC} & set(names):
-        if not isinstance(groups[name], Tensor) or groups[name].ndim != 2:
-            raise MorlaxError(
-                f"the observations {name} of {owner} are not one vector for each world: policies "
-                "cannot take images or parts that are not concatenated."
-            )
-    return actor
-
-
-def joined(groups: Any, actor: str) -> Tensor:
-    """Return what a policy sees, then what only critics see, (N, O + P)."""
-    parts = [groups[actor], *([groups[CRITIC]] if CRITIC in list(groups.keys()) else [])]
-    return torch.cat(parts, 1).float()

@@ -54,7 +54,14 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
             f"{name} has no vector reward (a reward_space of two numbers or more), so there is "
             "nothing to trade off."
         )
-    observation_size(name, getattr(one, "observation_space", None))
+    seen = getattr(one, "observation_space", None)
+    if not isinstance(seen, Space) or not seen.is_np_flattenable:
+        raise MorlaxError(
+            f"{name} has observations without a fixed size ({seen}): spaces such as Box, Discrete "
+            "or a Dict of them are supported, Sequence and Graph are not."
+        )
+    if not gymnasium.spaces.flatdim(seen):
+        raise MorlaxError(f"{name} has empty observations ({seen}): there is nothing to act on.")
     time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
     terms = [f"reward_{i}" for i in range(rewards.shape[0])]
     least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
@@ -69,7 +76,10 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
         "Options": Options,
         "make_one": staticmethod(make),
         "name": name,
+        "box": space,
         "reward_terms": tuple(terms),
+        "action_size": int(np.prod(space.shape)),
+        "observation_size": gymnasium.spaces.flatdim(seen),
     }
     return type("GymnasiumWorlds", (GymnasiumWorlds,), members)
 
@@ -106,31 +116,22 @@ class GymnasiumWorlds(ForeignWorlds):
     """
 
     make_one: ClassVar[Callable[[], gymnasium.Env]]
-    name: ClassVar[str]
+    box: ClassVar[Box]  # of actions
     simulator = "gymnasium"
-
-    def __init__(
-        self, options: ObjectiveOptions, num_worlds: int, seed: int = 0, auto_reset: bool = True
-    ):
-        self._episodes = list(range(num_worlds))
-        super().__init__(options, num_worlds, torch.device("cpu"), seed, auto_reset)
-        self.reseed(seed)  # the first `reset` starts from the seed, too
 
     @classmethod
     def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
         if device.type != "cpu" or backend == "warp":
             raise MorlaxError(f"{cls.name} runs only on the CPU: use --device cpu and no backend.")
-        return cls(options, num_worlds, seed, auto_reset)
+        worlds = cls(options, num_worlds, device, seed, auto_reset)
+        worlds.reseed(seed)  # the first `reset` starts from the seed, too
+        return worlds
 
     def _open(self, seed: int) -> None:
-        terms = len(self.reward_terms)
-        self._worlds = [CheckedEnv(self.make_one, self.name, terms) for _ in self._episodes]
-        one = self._worlds[0]
-        assert isinstance(one.env.action_space, Box)  # `from_gymnasium` has checked it
-        self._box = one.env.action_space
-        self.action_size = int(np.prod(self._box.shape))
-        self.observation_size = one.observation_size
-        dt = getattr(one.env.unwrapped, "dt", None)  # MuJoCo's environments have it
+        self._episodes = list(range(self.num_worlds))
+        self._envs = [self._call(self.make_one, "its constructor") for _ in self._episodes]
+        self._space = self._envs[0].observation_space
+        dt = getattr(self._envs[0].unwrapped, "dt", None)  # MuJoCo's environments have it
         if isinstance(dt, float) and dt > 0:
             self.dt = dt
         self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
@@ -144,28 +145,35 @@ class GymnasiumWorlds(ForeignWorlds):
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         for world in which.nonzero().squeeze(1).tolist():
-            self._observation[world] = self._worlds[world].reset(self._seeds[world])
+            env, seed = self._envs[world], self._seeds[world]
             self._seeds[world] = None  # later resets continue its random draws
+            answer = self._call(partial(env.reset, seed=seed), "reset()", env)
+            with self._fitting("reset() must return (observation, info)"):
+                observation, _ = answer
+                self._observation[world] = self._flat(observation)
+                if not (abs(self._observation[world]) <= LARGEST).all():
+                    raise ValueError("an observation is not finite in float32")
         self.age.masked_fill_(which, 0)
         return torch.where(which[:, None], _in_float32(self._observation), seen)
 
     def _advance(self, action: Tensor) -> Outcome:
-        low, high = self._box.low / 2, self._box.high / 2  # halved, the sum cannot overflow
-        boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self._box.shape)
-        controls = (high + low + (high - low) * boxes).astype(self._box.dtype)
+        low, high = self.box.low / 2, self.box.high / 2  # halved, the sum cannot overflow
+        boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self.box.shape)
+        controls = (high + low + (high - low) * boxes).astype(self.box.dtype)
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
         failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
-        running, finite = ~(self._failed | self._timed_out), action.isfinite().all(1)
-        self.age += running
-        for world in (running & finite).nonzero().squeeze(1).tolist():
-            step = self._worlds[world].step(controls[world])
-            self._observation[world], rewards[world], failed[world], timed_out[world] = step
+        running = ~self._over.any(0) & action.isfinite().all(1)
+        rule = "step() must return (observation, reward, terminated, truncated, info)"
+        for world in running.nonzero().squeeze(1).tolist():
+            env = self._envs[world]
+            answer = self._call(partial(env.step, controls[world]), "step()", env)
+            with self._fitting(rule):
+                observation, reward, terminated, truncated, _ = answer
+                rewards[world] = _shaped("a reward", reward, rewards[world].shape)
+                self._observation[world] = self._flat(observation)
+                failed[world], timed_out[world] = bool(terminated), bool(truncated)
         final, paid = _in_float32(self._observation), _in_float32(rewards)
-        finite &= torch.cat([final, paid], 1).isfinite().all(1)
-        failed |= ~finite
-        timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
-        seen = self._restart(failed | timed_out, final) if self.auto_reset else final
-        return Outcome(seen, final, paid, failed, timed_out, ~finite)
+        return self._ended(action, final, paid, failed, timed_out)
 
     def reseed(self, seed: int) -> None:
         super().reseed(seed)
@@ -174,61 +182,16 @@ class GymnasiumWorlds(ForeignWorlds):
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self._episodes = episodes.tolist()
 
-
-def observation_size(name: str, space: Any) -> int:
-    """Return how many numbers an observation of `space` has."""
-    if not isinstance(space, Space) or not space.is_np_flattenable:
-        raise MorlaxError(
-            f"{name} has observations without a fixed size ({space}): spaces such as Box, Discrete "
-            "or a Dict of them are supported, Sequence and Graph are not."
-        )
-    size = gymnasium.spaces.flatdim(space)
-    if not size:
-        raise MorlaxError(f"{name} has empty observations ({space}): there is nothing to act on.")
-    return size
-
-
-class CheckedEnv:
-    """An environment whose observations and rewards are flat arrays of the right sizes."""
-
-    def __init__(self, make: Callable[[], gymnasium.Env], name: str, num_rewards: int):
-        self.name, self._rewards = name, (num_rewards,)
-        self._file: str | None = None  # of the environment's class, for error messages
-        self.env: gymnasium.Env = self._call("its constructor", make)
-        module = sys.modules.get(type(self.env.unwrapped).__module__)
-        self._file = getattr(module, "__file__", None)
-        self._space = self.env.observation_space
-        self.observation_size = observation_size(name, self._space)
-
-    def reset(self, seed: int | None) -> NDArray[np.float64]:
-        """Start an episode; returns the observation (O,)."""
-        answer = self._call("reset()", self.env.reset, seed=seed)
-        with self._fitting("reset() must return (observation, info)"):
-            observation, _ = answer
-            flat = self._flat(observation)
-            if not (abs(flat) <= LARGEST).all():
-                raise ValueError("an observation is not finite in float32")
-            return flat
-
-    def step(self, control: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64], bool, bool]:
-        """Advance; returns the observation (O,), the reward (m,), terminated and truncated."""
-        answer = self._call("step()", self.env.step, control)
-        with self._fitting("step() must return (observation, reward, terminated, truncated, info)"):
-            observation, reward, terminated, truncated, _ = answer
-            paid = np.asarray(reward, np.float64)
-            if paid.shape != self._rewards:
-                raise ValueError(f"a reward of shape {paid.shape}, not {self._rewards}")
-            return self._flat(observation), paid, bool(terminated), bool(truncated)
-
-    def _call(self, method: str, function: Callable[..., Any], *values: Any, **named: Any) -> Any:
+    def _call(self, run: Callable[[], Any], label: str, env: gymnasium.Env | None = None) -> Any:
+        """Call a function of an environment; name the line of its class if it fails."""
         try:
-            return function(*values, **named)
+            return run()
         except (MorlaxError, MemoryError):
             raise
         except (Exception, SystemExit) as error:  # any error of the user's own code
-            raise MorlaxError(
-                f"{self.name}: {method} fails: {located(error, self._file)}"
-            ) from error
+            module = sys.modules.get(type(env and env.unwrapped).__module__)
+            cause = located(error, getattr(module, "__file__", None))
+            raise MorlaxError(f"{self.name}: {label} fails: {cause}") from error
 
     @contextmanager
     def _fitting(self, rule: str) -> Iterator[None]:
@@ -242,15 +205,18 @@ class CheckedEnv:
             ) from None
 
     def _flat(self, observation: Any) -> NDArray[np.float64]:
-        size = self._space.shape
-        if not isinstance(self._space, Box):
-            with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
-                observation = gymnasium.spaces.flatten(self._space, observation)
-            size = (self.observation_size,)
-        flat = np.asarray(observation, np.float64)
-        if flat.shape != size:
-            raise ValueError(f"an observation of shape {flat.shape}, not {size}")
-        return flat.reshape(-1)
+        if isinstance(self._space, Box):
+            return _shaped("an observation", observation, self._space.shape).reshape(-1)
+        with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
+            flat = gymnasium.spaces.flatten(self._space, observation)
+        return _shaped("an observation", flat, (self.observation_size,))
+
+
+def _shaped(what: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    array = np.asarray(values, np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{what} of shape {array.shape}, not {shape}")
+    return array
 
 
 def _in_float32(values: NDArray[np.float64]) -> Tensor:

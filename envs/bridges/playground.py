@@ -6,15 +6,15 @@ import subprocess
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, installation, shortened, unknown
+from ..errors import MorlaxError, shortened, unknown
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
-from .foreign import ForeignWorlds, Outcome, imported
+from .foreign import ForeignWorlds, Outcome, imported, require
 
 POLICY, CRITIC = "state", "privileged_state"  # Playground's names of groups of observations
 TERM = "reward/"  # before the names of reward terms in Playground's metrics
@@ -62,17 +62,14 @@ class PlaygroundWorlds(ForeignWorlds):
     squared actions.
     """
 
-    name: ClassVar[str]
     Options: ClassVar[type[PlaygroundOptions]]
     options: PlaygroundOptions
     simulator = "MuJoCo Playground"
 
     def _open(self, seed: int) -> None:
-        keys, device = default_config(self.name), self.device
-        ours: dict[str, Any] = {"episode_length": self.options.episode_length}
-        if device.type == "cpu":
-            ours["impl"] = "jax"  # on a CPU, small tasks are ten times as fast as with MJX's Warp
-        first = import_module("jax").devices()[0]
+        cfg, device = default_config(self.name), self.device
+        self._jax = import_module("jax")
+        first = self._jax.devices()[0]
         kind = "cuda" if first.platform == "gpu" else first.platform
         if (kind, first.id) != (device.type, device.index or 0):
             raise MorlaxError(
@@ -80,9 +77,13 @@ class PlaygroundWorlds(ForeignWorlds):
                 "JAX_PLATFORMS=cpu for the CPU; a GPU needs pip install 'jax[cuda12]', and one "
                 "that is not the first CUDA_VISIBLE_DEVICES."
             )
-        overrides = {key: ours[key] for key in ours if key in keys} | self.options.overrides
+        overrides: dict[str, Value] = {}
+        if "episode_length" in cfg:
+            overrides["episode_length"] = self.options.episode_length
+        if "impl" in cfg and device.type == "cpu":
+            overrides["impl"] = "jax"  # small tasks are ten times as fast as with MJX's Warp
+        overrides |= self.options.overrides
         self._task = task = _shared(self.name, json.dumps(overrides))
-        self._jax = task.jax
         self.observation_size, self.privileged_size = task.observation_size, task.privileged_size
         self.action_size, self.reward_terms = task.action_size, task.reward_terms
 
@@ -105,21 +106,14 @@ class PlaygroundWorlds(ForeignWorlds):
             self._draw()
         self._state = self._task.replace(self._to_jax(which), self._starts, self._state)
         self._used = self._used | which
-        self.age = torch.where(which, 0, self.age)
+        self.age.masked_fill_(which, 0)
         return torch.where(which[:, None], self._first, seen)
 
     def _advance(self, action: Tensor) -> Outcome:
         control = self._to_jax(action.float().clamp(-1, 1))
         self._state, *parts = self._task.step(self._state, control)
         final, terms, failed = map(torch.from_dlpack, parts)
-        blown_up = ~torch.cat([final, terms, action], 1).isfinite().all(1)
-        self.age = self.age + 1
-        failed = failed | blown_up
-        timed_out = (self.age >= self.episode_length) & ~failed
-        seen, over = final, failed | timed_out
-        if self.auto_reset and over.any():  # waits for the GPU: most steps copy no whole state
-            seen = self._restart(over, final)
-        return Outcome(seen, final, terms, failed, timed_out, blown_up)
+        return self._ended(action, final, terms, failed, False)
 
     def _draw(self) -> None:
         """Draw a start for every world."""
@@ -234,12 +228,7 @@ def registry() -> Any:
     """Import Playground, and return its registry of tasks."""
     # by default, JAX takes three quarters of a GPU's memory, which torch needs too
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
-    try:
-        metadata.version("playground")
-    except metadata.PackageNotFoundError:
-        raise MorlaxError(
-            f"tasks of MuJoCo Playground need it: {installation('playground')}."
-        ) from None
+    require("MuJoCo Playground", "playground", "0.2", "playground")
     import warp as wp
 
     with warnings.catch_warnings(action="ignore"):  # its libraries use what JAX deprecates

@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 from ..devices import drawing_from
 from ..errors import MorlaxError, words
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
-from .foreign import ForeignWorlds, Outcome, actor_group, joined
+from .foreign import ForeignWorlds, Outcome
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
@@ -74,6 +74,7 @@ class VecEnvWorlds(ForeignWorlds):
 
     make_env: Any
     read_terms: Any
+    name = "the vectorized environment"
     shows_endings = False
     simulator = "a vectorized environment"
     options: Any
@@ -87,11 +88,17 @@ class VecEnvWorlds(ForeignWorlds):
                     f"make_env fails: {words(error)}. If it may build one environment only, let it "
                     "return the same environment again: evaluations need it too."
                 ) from None
-            self._check()
+            worlds, device = self.env.num_envs, torch.device(self.env.device)
+            enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
+            if device.type != self.device.type or not enough:
+                raise MorlaxError(
+                    f"the vectorized environment has {worlds} worlds on {device}, but there should "
+                    f"be {self.num_worlds} on {self.device}: let make_env pass both on, or lower "
+                    "evaluation.tradeoffs or evaluation.seeds."
+                )
             self.action_size = int(self.env.num_actions)
             self._features(self.env.reset())
-            shape = self.env.num_envs, self.action_size
-            still = torch.zeros(shape, dtype=torch.float32, device=self.device)
+            still = torch.zeros(worlds, self.action_size, dtype=torch.float32, device=self.device)
             _, _, _, extras = self.env.step(still)
             self.reward_terms = tuple(self.read_terms(self.env, extras))
 
@@ -141,23 +148,10 @@ class VecEnvWorlds(ForeignWorlds):
             )
         return value[: self.num_worlds]
 
-    def _check(self) -> None:
-        worlds, device = self.env.num_envs, torch.device(self.env.device)
-        enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
-        if device.type != self.device.type or not enough:
-            raise MorlaxError(
-                f"the vectorized environment has {worlds} worlds on {device}, but there should be "
-                f"{self.num_worlds} on {self.device}: let make_env pass both on, or lower "
-                "evaluation.tradeoffs or evaluation.seeds."
-            )
-
     def _features(self, groups: Any) -> Tensor:
         if isinstance(groups, tuple):  # with extras, from a reset
             groups = groups[0]
         if isinstance(groups, Tensor):
             groups = {"actor": groups}
-        actor = actor_group(groups, "the vectorized environment")
-        seen = joined(groups, actor)[: self.num_worlds]
-        self.observation_size = groups[actor].shape[1]
-        self.privileged_size = seen.shape[1] - self.observation_size
-        return seen
+        self._size(groups)
+        return self._joined(groups)[: self.num_worlds]

@@ -1,7 +1,6 @@
 """Episode statistics of a vector environment: returns per objective, lengths and times."""
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..envs import MorlaxError
-from .gymnasium_vector import GymnasiumVectorEnv
+from .gymnasium import GymnasiumVectorEnv
 
 
 class EpisodeStatistics(VectorWrapper):
@@ -50,16 +49,10 @@ class EpisodeStatistics(VectorWrapper):
         self._lengths = torch.zeros(env.num_envs, dtype=torch.int64, device=device)
         self._starts = torch.zeros(env.num_envs, dtype=torch.float64, device=device)
 
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Tensor, dict[str, Any]]:
+    def reset(self, **seed_and_options: Any) -> tuple[Tensor, dict[str, Any]]:
         """Reset all worlds and statistics; returns the observation (N, O) and an empty info."""
-        observation, info = self.env.reset(seed=seed, options=options)
         self._begin(torch.ones_like(self._lengths, dtype=torch.bool))
-        return observation, info
+        return self.env.reset(**seed_and_options)
 
     def step(
         self, actions: Tensor | NDArray

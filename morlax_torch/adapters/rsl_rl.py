@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from ..envs import Environment, MorlaxError
-from .checking import require
+from ..envs.bridges.foreign import require
 from .episode_statistics import EpisodeStatistics
-from .gymnasium_vector import GymnasiumVectorEnv
+from .gymnasium import GymnasiumVectorEnv
 
 require("rsl_rl", "rsl-rl-lib", "3.0", "rsl-rl")
 
@@ -76,13 +76,13 @@ class RslRlVecEnv(VecEnv):
         Raises:
             MorlaxError: the task's own simulator counts them.
         """
-        return torch.as_tensor(self._ages()).long()
+        return self._ages().long()
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: Tensor) -> None:
-        self._ages()[:] = steps.to(torch.int32)
+        self._ages().copy_(steps)
 
-    def _ages(self) -> Any:
+    def _ages(self) -> Tensor:
         if not hasattr(self._worlds, "age"):
             raise MorlaxError(
                 f"{self._task} keeps its own time limits, which rsl_rl cannot shift: call "
@@ -105,10 +105,8 @@ class RslRlVecEnv(VecEnv):
         result = self._statistics.step(actions.clamp(-1, 1))
         self._observation, reward, terminated, truncated, info = result
         done = terminated | truncated
-        extras: dict[str, Any] = {
-            "time_outs": truncated & ~terminated,
-            "objectives": info["vector_reward"],
-        }
+        extras: dict[str, Any] = {"time_outs": truncated & ~terminated}
+        extras["objectives"] = info["vector_reward"]
         if done.any():  # a GPU sync, but rsl_rl syncs here anyway to sum up episodes
             returns = info["episode"]["r"][done].unbind(-1)
             names = (f"Return/{name}" for name in self.vector.objectives)

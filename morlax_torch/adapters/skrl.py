@@ -7,9 +7,9 @@ import gymnasium
 import torch
 from torch import Tensor
 
-from .checking import box, require
+from ..envs.bridges.foreign import require
 from .episode_statistics import EpisodeStatistics
-from .gymnasium_vector import GymnasiumVectorEnv
+from .gymnasium import GymnasiumVectorEnv, box
 
 require("skrl", "skrl", "2.0", "skrl")
 

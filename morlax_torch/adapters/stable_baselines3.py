@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
-from .checking import require
+from ..envs.bridges.foreign import require
 from .episode_statistics import EpisodeStatistics
-from .gymnasium_vector import GymnasiumVectorEnv
+from .gymnasium import GymnasiumVectorEnv
 
 require("Stable-Baselines3", "stable-baselines3", "2.7", "sb3")
 
@@ -90,12 +90,9 @@ class StableBaselines3VecEnv(VecEnv):
             episode = {name: values.cpu().numpy() for name, values in info["episode"].items()}
             for world in done.nonzero()[0]:
                 infos[world]["terminal_observation"] = final[world]
-                infos[world]["episode"] = {
-                    "r": float(episode["r"][world] @ self._tradeoff),
-                    "l": int(episode["l"][world]),
-                    "t": float(episode["t"][world]),
-                    "returns": episode["r"][world],
-                }
+                returns, length, time = (episode[name][world] for name in ("r", "l", "t"))
+                weighted = {"r": float(returns @ self._tradeoff), "returns": returns}
+                infos[world]["episode"] = weighted | {"l": int(length), "t": float(time)}
         return observation.cpu().numpy(), reward.cpu().numpy(), done, infos
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:

@@ -8,8 +8,9 @@ from torch import Tensor
 
 from .. import envs
 from ..envs import MorlaxError
+from ..envs.bridges.foreign import require
 from ..gpu.graph import Graph
-from .checking import Stepping, require
+from .gymnasium import Stepping
 
 require("TorchRL", "torchrl", "0.14", "torchrl")
 
@@ -76,8 +77,6 @@ class TorchRLEnv(EnvBase):
         self._was_reset = False
         self._stepping = Stepping(worlds)
         self._which = torch.zeros(num_envs, dtype=torch.bool, device=worlds.device)
-        shape = num_envs, worlds.observation_size
-        self._observation = torch.zeros(shape, dtype=torch.float32, device=worlds.device)
         self._restart = Graph(self._some_restart, worlds.device, [worlds.generator])
         if worlds.recordable:
             self._restart.record()
@@ -101,7 +100,7 @@ class TorchRLEnv(EnvBase):
         else:
             self._which.copy_(which.view_as(self._which))
             self._restart()
-            observation = self._observation.clone()
+            observation = self._restarted.clone()
         over = torch.zeros_like(self._which)[:, None]
         return self._packed(observation, over, over)
 
@@ -117,7 +116,7 @@ class TorchRLEnv(EnvBase):
             self.worlds.reseed(seed)
 
     def _some_restart(self) -> None:
-        self._observation.copy_(self.worlds.restart(self._which))
+        self._restarted = self.worlds.restart(self._which)
 
     def _packed(self, observation: Tensor, terminated: Tensor, truncated: Tensor) -> TensorDict:
         flags = {"terminated": terminated.clone(), "truncated": truncated.clone()}

@@ -216,7 +216,7 @@ def test_critics_see_privileged_observations(adapter, blind):
 def test_a_mistake_raises_a_clear_error(adapter):
     with pytest.raises(MorlaxError, match="did you mean 'episode_length'"):
         adapter(episode_lenght=3)
-    with pytest.raises(MorlaxError, match=r"the shape \(4, 6\)"):
+    with pytest.raises(MorlaxError, match=r"actions of shape \(4, 6\)"):
         adapter().step(torch.zeros(4, 7))
     with pytest.raises(MorlaxError, match="needs 2 numbers"):
         adapter("ant", tradeoff=(1.0,))

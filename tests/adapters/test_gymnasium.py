@@ -18,10 +18,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from toppling import falling
 
 from morlax_torch import MorlaxError, envs
-from morlax_torch.adapters.checking import checked_actions
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
-from morlax_torch.adapters.gymnasium_single import GymnasiumEnv
-from morlax_torch.adapters.gymnasium_vector import GymnasiumVectorEnv
+from morlax_torch.adapters.gymnasium import GymnasiumEnv, GymnasiumVectorEnv
 from morlax_torch.envs.robots.cheetah import Cheetah
 
 IDS = {
@@ -283,16 +281,13 @@ MISTAKES = {
     "of 4 finite numbers, not array([[0.,": lambda: step(gymnasium.make, np.zeros((1, 4))),
     "of 4 finite numbers, not [0, 0, nan, 0]": lambda: step(gymnasium.make, [0, 0, np.nan, 0]),
     "finite numbers, not tensor(": lambda: step(gymnasium.make, torch.zeros(4, device="meta")),
-    "the shape (3, 4)": lambda: step(vector, torch.zeros(3, 5)),
-    "have (3, 4) on meta": lambda: step(vector, torch.zeros(3, 4, device="meta")),
+    "actions of shape (3, 4)": lambda: step(vector, torch.zeros(3, 5)),
+    "not (3, 4) of torch.float32 on meta": lambda: step(vector, torch.zeros(3, 4, device="meta")),
     "not list: use torch.as_tensor": lambda: step(vector, [[0.0] * 4] * 3),
     "of numbers on cpu, not ndarray": lambda: step(vector, np.full((3, 4), "left")),
     "each of the 3 worlds, not [1, 2]": lambda: vector().reset(seed=[1, 2]),
     "integer from 0, or one for each": lambda: vector().reset(seed=[1, 2, None]),
     "Known: rgb_array": lambda: vector(render_mode="human"),
-    "numbers on meta, not ndarray": lambda: checked_actions(
-        np.zeros((3, 4)), torch.Size((3, 4)), torch.device("meta")
-    ),
     ", not EpisodeStatistics": lambda: EpisodeStatistics(EpisodeStatistics(vector())),
 }
 

@@ -145,7 +145,7 @@ def plain(**members) -> envs.Worlds:
     """Return two worlds of `Plain` with other members."""
     changed = type("Changed", (Plain,), members)
     make = envs.from_gymnasium(changed, "changed")
-    return make(make.Options(), 2)
+    return make(make.Options(), 2, torch.device("cpu"))
 
 
 ZEROS = np.zeros(3)

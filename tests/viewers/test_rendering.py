@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from morlax_torch import MorlaxError, load
-from morlax_torch.adapters.gymnasium_single import Pictures
+from morlax_torch.adapters.gymnasium import Pictures
 from morlax_torch.viewers.camera import FollowingCamera, cameras_for
 from morlax_torch.viewers.filming.recording import Take
 from morlax_torch.viewers.filming.rendering import Scene, choose_opengl

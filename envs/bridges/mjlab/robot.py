@@ -18,7 +18,6 @@ import torch
 from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .worlds import MjlabWorlds, from_task
 
-XML = "robot.xml"
 NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ
     "generated_commands": "velocity_commands",
     "projected_gravity_from_sensor": "projected_gravity",
@@ -68,12 +67,11 @@ class MjlabRobot(MjlabWorlds, Robot):
         return cfg
 
     def layout(self) -> list[Part]:
-        manager = self.env.observation_manager
-        names = manager.active_terms[self.actor_group]
-        sizes = manager.group_obs_term_dim[self.actor_group]
+        manager, group = self.env.observation_manager, self.groups[0]
+        sizes = manager.group_obs_term_dim[group]
         return [
-            Part(name, torch.Size(size).numel(), "as in mjlab")
-            for name, size in zip(names, sizes, strict=True)
+            Part(name, torch.Size(size).numel(), UNITS.get(self._label(name), "as in mjlab"))
+            for name, size in zip(manager.active_terms[group], sizes, strict=True)
         ]
 
     def targets(self) -> list[str]:
@@ -98,14 +96,19 @@ class MjlabRobot(MjlabWorlds, Robot):
         ids = torch.cat([term.target_ids for term in terms]).tolist()
         joints = [f"{name}/{joint}" for joint in robot.joint_names]
         motors = [motor(model, joint) for joint in joints]
-        observations, infos = zip(*self._observations(), strict=True)
+        commands: dict[str, Any] = {}
+        if tuple(self.command_limits) == AXES:
+            ranges = {axis: list(limits) for axis, limits in self.command_limits.items()}
+            commands["base_velocity"] = {"ranges": ranges | {"heading": None}}
+        parts = self.layout()
+        observed = [self._observed(part.name) for part in parts]
         settings = {
             "joint_ids_map": list(range(len(joints))),
             "step_dt": env.step_dt,
             "stiffness": [row["stiffness"] for row in motors],
             "damping": [row["damping"] for row in motors],
             "default_joint_pos": robot.data.default_joint_pos[0].tolist(),
-            "commands": self._commands(),
+            "commands": commands,
             "actions": {
                 "JointPositionAction": {
                     "clip": _clip(terms),
@@ -115,15 +118,18 @@ class MjlabRobot(MjlabWorlds, Robot):
                     "joint_ids": None if ids == list(range(len(joints))) else ids,
                 }
             },
-            "observations": {term.pop("name"): term for term in observations},
+            "observations": {self._label(part.name): self._observation(part) for part in parts},
             "morlax_torch": {
                 "joints": joints,
                 "joint_limits": [model.joint(joint).range.tolist() for joint in joints],
                 "torque_limits": [row["torque"] for row in motors],
                 "default_joint_vel": robot.data.default_joint_vel[0].tolist(),
-                "observation_names": [info["name"] for info in infos],
-                "observation_units": [info["unit"] for info in infos],
-                "observation_noise": [info["noise"] for info in infos],
+                "observation_names": [part.name for part in parts],
+                "observation_units": [part.unit for part in parts],
+                "observation_noise": [
+                    max(abs(getattr(cfg.noise, bound, 0.0)) for bound in ("n_min", "n_max"))
+                    for cfg in observed
+                ],
             },
         }
         return Deployment(settings, _zipped(env))
@@ -132,36 +138,29 @@ class MjlabRobot(MjlabWorlds, Robot):
         manager = self.env.action_manager
         return [manager.get_term(name) for name in manager.active_terms]
 
-    def _commands(self) -> dict[str, Any]:
-        if tuple(self.command_limits) != AXES:
-            return {}
-        ranges = {axis: list(limits) for axis, limits in self.command_limits.items()}
-        return {"base_velocity": {"ranges": ranges | {"heading": None}}}
+    def _observed(self, name: str) -> Any:
+        return self.env.observation_manager.get_term_cfg(self.groups[0], name)
 
-    def _observations(self) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-        """Return each term in unitree_rl_lab's shape, and its name, unit and noise in mjlab."""
-        manager, action_scale = self.env.observation_manager, self.options.action_scale
-        rows = []
-        for part in self.layout():
-            cfg = manager.get_term_cfg(self.actor_group, part.name)
-            history = max(1, cfg.history_length)
-            function: str = cfg.func.__name__
-            name = part.name if function == "builtin_sensor" else NAMES.get(function, function)
-            ones = torch.ones(part.size // history, dtype=torch.float32)
-            scale = ones * (1.0 if cfg.scale is None else cfg.scale)
-            clip = None if cfg.clip is None else list(cfg.clip)
-            if name == "last_action":  # mjlab sees actions that have been scaled
-                scale = scale * action_scale
-                clip = clip and [bound / action_scale for bound in clip]
-            params = {"command_name": "base_velocity"} if name == "velocity_commands" else {}
-            if "sensor_name" in cfg.params:
-                params["sensor_name"] = cfg.params["sensor_name"]
-            term = {"name": name, "params": params, "clip": clip, "scale": scale.tolist()}
-            term["history_length"] = history
-            noise = max(abs(getattr(cfg.noise, bound, 0.0)) for bound in ("n_min", "n_max"))
-            info = {"name": part.name, "unit": UNITS.get(name, "as in mjlab"), "noise": noise}
-            rows.append((term, info))
-        return rows
+    def _label(self, name: str) -> str:
+        """Return unitree_rl_lab's name of a term of the observation."""
+        function: str = self._observed(name).func.__name__
+        return name if function == "builtin_sensor" else NAMES.get(function, function)
+
+    def _observation(self, part: Part) -> dict[str, Any]:
+        """Return the settings of a term of the observation in unitree_rl_lab's shape."""
+        cfg, label = self._observed(part.name), self._label(part.name)
+        history = max(1, cfg.history_length)
+        scale = torch.ones(part.size // history, dtype=torch.float32)
+        scale *= 1.0 if cfg.scale is None else cfg.scale
+        clip = cfg.clip and list(cfg.clip)
+        if label == "last_action":  # mjlab sees actions that have been scaled
+            scale *= self.options.action_scale
+            clip = clip and [bound / self.options.action_scale for bound in clip]
+        params = {name: value for name, value in cfg.params.items() if name == "sensor_name"}
+        if label == "velocity_commands":
+            params["command_name"] = "base_velocity"
+        row = {"params": params, "clip": clip, "scale": scale.tolist()}
+        return row | {"history_length": history}
 
 
 def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
@@ -177,19 +176,18 @@ def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
         return {"stiffness": None, "damping": None, "torque": None}
     (index,) = indices
     limited, most = model.actuator_forcelimited[index], model.actuator_forcerange[index, 1]
-    torque = float(most) if limited else None
+    row = {"stiffness": None, "damping": None, "torque": float(most) if limited else None}
     gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
-    is_position = (
+    if (
         model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
         and model.actuator_gaintype[index] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
         and model.actuator_gear[index, 0] == 1
-        and gain[0] > 0
         and bias[0] == 0
-        and bias[1] == -gain[0]
-    )
-    stiffness, damping = (float(gain[0]), float(-bias[2])) if is_position else (None, None)
-    return {"stiffness": stiffness, "damping": damping, "torque": torque}
+        and gain[0] == -bias[1] > 0
+    ):
+        row |= {"stiffness": float(gain[0]), "damping": float(-bias[2])}
+    return row
 
 
 def _clip(terms: list[Any]) -> list[list[float]] | None:
@@ -218,7 +216,7 @@ def _zipped(env: Any) -> bytes | None:
     paths = {node.get("file", "") for node in ET.fromstring(text).iter()} - {""}
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(XML, text)
+        archive.writestr("robot.xml", text)
         for path in sorted(paths):
             archive.writestr(path, _read(env, path))
     return file.getvalue()

@@ -29,7 +29,7 @@ class MaskedStep:
         self.slots: list[tuple[dict[Any, Any], Any, Tensor]] = []  # holder, key, tensor
         self.everyone = torch.arange(env.num_envs, device=env.device)
         manager = env.command_manager
-        self.twists = [_Twist(manager.get_term(name)) for name in manager.active_terms]
+        self.twists = [manager.get_term(name) for name in manager.active_terms]
         for sensor in env.scene.sensors.values():
             if hasattr(sensor, "_extract_yaw_rotation"):  # mjlab's looks for special cases
                 sensor._extract_yaw_rotation = _yaw
@@ -38,40 +38,39 @@ class MaskedStep:
         self._constants = Constants()
 
     def __call__(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
-        """Step; returns observations after and before restarts, terminated and timed out (N,)."""
-        with self._constants:
-            return self._stepped(action)
+        """Step; returns observations, those before restarts, terminated and timed out (N,).
 
-    def _stepped(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
+        Before restarts, velocities are one physics step old.
+        """
         env, sim = self.env, self.env.sim
         _join_streams(sim)
         graphs, env.extras["log"] = sim.use_cuda_graph, {}
         # a recording cannot hold mjlab's own recordings
         sim.use_cuda_graph = graphs and not torch.cuda.is_current_stream_capturing()
         self.slots = [(holder, key, holder[key]) for holder, key in _slots(env)]
-        env.action_manager.process_action(action)
-        for _ in range(env.cfg.decimation):
-            env.action_manager.apply_action()
-            env.scene.write_data_to_sim()
-            sim.step()
-            env.scene.update(dt=env.physics_dt)
-        env.episode_length_buf += 1
-        over = env.termination_manager.compute()
-        terminated = env.termination_manager.terminated.clone()
-        timed_out = env.termination_manager.time_outs.clone()
-        env.reward_buf = env.reward_manager.compute(dt=env.step_dt)
-        self._disturb()
-        ending = self._observe()  # velocities are one physics step old
-        self._restart(over)
-        sim.forward()
-        for twist in self.twists:
-            twist.advance(torch.where(over, 0.0, env.step_dt).float())
-        sim.sense()
-        groups = self._observe()
-        final = {x: torch.where(over[:, None], ending[x], seen) for x, seen in groups.items()}
+        with self._constants:
+            env.action_manager.process_action(action)
+            for _ in range(env.cfg.decimation):
+                env.action_manager.apply_action()
+                env.scene.write_data_to_sim()
+                sim.step()
+                env.scene.update(dt=env.physics_dt)
+            env.episode_length_buf += 1
+            over = env.termination_manager.compute()
+            terminated = env.termination_manager.terminated.clone()
+            timed_out = env.termination_manager.time_outs.clone()
+            env.reward_buf = env.reward_manager.compute(dt=env.step_dt)
+            self._disturb()
+            ending = self._observe()
+            self._restart(over)
+            sim.forward()
+            for twist in self.twists:
+                _pass_time(twist, torch.where(over, 0.0, env.step_dt).float())
+            sim.sense()
+            groups = self._observe()
         self.settle()
         sim.use_cuda_graph = graphs
-        return groups, final, terminated, timed_out
+        return groups, ending, terminated, timed_out
 
     def settle(self) -> None:
         """Put what mjlab has kept in new tensors into those that a recorded step reads."""
@@ -85,12 +84,17 @@ class MaskedStep:
         return {name: manager.compute_group(name) for name in self.groups}
 
     def _disturb(self) -> None:
-        events = self.env.event_manager
-        for term, left in zip(_terms(events, "interval"), _intervals(events), strict=True):
+        for term, left in self._intervals():
             left -= self.env.step_dt
             due = left < 1e-6
             _keep(left, due, torch.empty_like(left).uniform_(*term.interval_range_s))
             self._masked(due, lambda term=term: self._run(term))
+
+    def _intervals(self) -> Iterator[tuple[Any, Tensor]]:
+        """Return events that happen at intervals, and the seconds until each, (N,)."""
+        events = self.env.event_manager
+        left = getattr(events, "_interval_term_time_left", [])
+        return zip(_terms(events, "interval"), left, strict=True)
 
     def _restart(self, over: Tensor) -> None:
         """Start new episodes in the worlds of a mask (N,)."""
@@ -110,11 +114,10 @@ class MaskedStep:
             env.episode_length_buf.zero_()
 
         self._masked(over, restart)
-        events = env.event_manager
-        for term, left in zip(_terms(events, "interval"), _intervals(events), strict=True):
+        for term, left in self._intervals():
             _keep(left, over, torch.empty_like(left).uniform_(*term.interval_range_s))
         for twist in self.twists:
-            twist.draw(over)
+            _draw(twist, over)
         env.scene.write_data_to_sim()
 
     def _run(self, term: Any) -> None:
@@ -169,51 +172,45 @@ class Constants(TorchFunctionMode):
         return self._kept[key]
 
 
-class _Twist:
-    """A term that draws velocity commands, in operations on all worlds."""
+def _draw(twist: Any, mask: Tensor) -> None:
+    """Draw new velocity commands of a term of mjlab in the worlds of a mask (N,)."""
+    cfg, ranges = twist.cfg, twist.cfg.ranges
 
-    def __init__(self, term: Any):
-        self.term, self.cfg = term, term.cfg
+    def drawn(low: float, high: float) -> Tensor:
+        return torch.empty_like(twist.time_left).uniform_(low, high)
 
-    def draw(self, mask: Tensor) -> None:
-        """Draw a new command in the worlds of a mask (N,)."""
-        term, cfg, ranges = self.term, self.cfg, self.cfg.ranges
+    _keep(twist.time_left, mask, drawn(*cfg.resampling_time_range))
+    each = (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)
+    wish = torch.stack([drawn(*limits) for limits in each], 1)
+    if cfg.heading_command:
+        _keep(twist.heading_target, mask, drawn(*ranges.heading))
+        _keep(twist.is_heading_env, mask, drawn(0, 1) <= cfg.rel_heading_envs)
+    _keep(twist.is_standing_env, mask, drawn(0, 1) <= cfg.rel_standing_envs)
+    _keep(twist.is_world_env, mask, drawn(0, 1) <= cfg.rel_world_envs)
+    _keep(twist.is_forward_env, mask, drawn(0, 1) <= cfg.rel_forward_envs)
+    _keep(twist.vel_command_w, mask, wish)
+    ahead = torch.zeros_like(wish)
+    ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
+    _keep(twist.vel_command_b, mask, torch.where(twist.is_forward_env[:, None], ahead, wish))
 
-        def drawn(low: float, high: float) -> Tensor:
-            return torch.empty_like(term.time_left).uniform_(low, high)
 
-        _keep(term.time_left, mask, drawn(*cfg.resampling_time_range))
-        each = (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)
-        wish = torch.stack([drawn(*limits) for limits in each], 1)
-        if cfg.heading_command:
-            _keep(term.heading_target, mask, drawn(*ranges.heading))
-            _keep(term.is_heading_env, mask, drawn(0, 1) <= cfg.rel_heading_envs)
-        _keep(term.is_standing_env, mask, drawn(0, 1) <= cfg.rel_standing_envs)
-        _keep(term.is_world_env, mask, drawn(0, 1) <= cfg.rel_world_envs)
-        _keep(term.is_forward_env, mask, drawn(0, 1) <= cfg.rel_forward_envs)
-        _keep(term.vel_command_w, mask, wish)
-        ahead = torch.zeros_like(wish)
-        ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
-        _keep(term.vel_command_b, mask, torch.where(term.is_forward_env[:, None], ahead, wish))
-
-    def advance(self, dt: Tensor) -> None:
-        """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
-        term, cfg, command = self.term, self.cfg, self.term.vel_command_b
-        term.time_left -= dt
-        self.draw(term.time_left <= 0)
-        heading = term.robot.data.heading_w
-        if cfg.heading_command:
-            error = term.heading_target - heading
-            term.heading_error = torch.atan2(error.sin(), error.cos())
-            turn = (cfg.heading_control_stiffness * term.heading_error).clamp(*cfg.ranges.ang_vel_z)
-            _keep(command[:, 2], term.is_heading_env, turn)
-        x, y = term.vel_command_w[:, :2].unbind(1)
-        turned = torch.stack(
-            [heading.cos() * x + heading.sin() * y, heading.cos() * y - heading.sin() * x], 1
-        )
-        _keep(command[:, :2], term.is_world_env, turned)
-        for kept in (command, term.vel_command_w):
-            kept.masked_fill_(term.is_standing_env[:, None], 0.0)
+def _pass_time(twist: Any, dt: Tensor) -> None:
+    """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
+    cfg, command = twist.cfg, twist.vel_command_b
+    twist.time_left -= dt
+    _draw(twist, twist.time_left <= 0)
+    heading = twist.robot.data.heading_w
+    if cfg.heading_command:
+        error = twist.heading_target - heading
+        twist.heading_error = torch.atan2(error.sin(), error.cos())
+        turn = (cfg.heading_control_stiffness * twist.heading_error).clamp(*cfg.ranges.ang_vel_z)
+        _keep(command[:, 2], twist.is_heading_env, turn)
+    x, y = twist.vel_command_w[:, :2].unbind(1)
+    cos, sin = heading.cos(), heading.sin()
+    turned = torch.stack([cos * x + sin * y, cos * y - sin * x], 1)
+    _keep(command[:, :2], twist.is_world_env, turned)
+    for kept in (command, twist.vel_command_w):
+        kept.masked_fill_(twist.is_standing_env[:, None], 0.0)
 
 
 def supported(cfg: Any) -> bool:
@@ -256,10 +253,6 @@ def _beside(mask: Tensor, value: Tensor) -> Tensor:
 
 def _terms(manager: Any, mode: str) -> list[Any]:
     return manager._mode_term_cfgs.get(mode, [])
-
-
-def _intervals(manager: Any) -> list[Tensor]:
-    return getattr(manager, "_interval_term_time_left", [])
 
 
 def _resettable(manager: Any) -> list[Any]:

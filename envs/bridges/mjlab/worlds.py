@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Callable
 from functools import cache, partial
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -17,11 +17,11 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...devices import drawing_from, global_generator
-from ...errors import MorlaxError, installation, unknown
+from ...errors import MorlaxError, unknown
 from ...physics import compiling
 from ...worlds.mirror import Mirror
 from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
-from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, actor_group, imported, joined
+from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
 from .mirror import mirror_of
 from .step import COMMAND, MaskedStep, supported
 
@@ -37,7 +37,6 @@ LOWER_IS_BETTER = ("velocity error (m/s)", "power (W)", "torque (N m)", "cost of
 SLOWEST = 0.3  # m/s; slower commands say little about walking
 ENDINGS = "endings"  # mjlab's name of the recorder
 BLOWN_UP = "blown_up"  # of the termination
-OLDEST = 1, 6
 EFFORT = ("joint_torques_l2", "electrical_power_cost")  # mjlab's, for every robot
 ALIVE = "is_alive"  # mjlab's, too: 1 unless the episode terminates
 
@@ -98,7 +97,6 @@ class MjlabWorlds(ForeignWorlds):
     second call instead, and nothing is old.
     """
 
-    name: ClassVar[str]
     Options: ClassVar[type[MjlabOptions]]
     options: MjlabOptions
     simulator = "mjlab"
@@ -117,17 +115,14 @@ class MjlabWorlds(ForeignWorlds):
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
         self.dt = self.env.step_dt
         self._time_step = self.dt if self.env.cfg.scale_rewards_by_dt else 1.0
-        self.actor_group = actor_group(groups, self.name)
+        self._size(groups)
         self.action_size = self.env.action_manager.total_action_dim
-        self.observation_size = groups[self.actor_group].shape[1]
-        self.privileged_size = joined(groups, self.actor_group).shape[1] - self.observation_size
         manager = self.env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
         self._command: Any = next((x for x in terms if type(x).__name__ == COMMAND), None)
         if self._command:
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
-        self._groups = tuple(name for name in (self.actor_group, CRITIC) if name in groups)
-        self._step = MaskedStep(self.env, self._groups) if masked else None
+        self._step = MaskedStep(self.env, self.groups) if masked else None
 
     def config(self, seed: int) -> Any:
         """Return mjlab's config of these worlds."""
@@ -165,7 +160,7 @@ class MjlabWorlds(ForeignWorlds):
         return np.stack([error, speed, share, power, torque**0.5, cost], 1)
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
-        return mirror_of(self.env, self._groups, tolerance)
+        return mirror_of(self.env, self.groups, tolerance)
 
     def _start(self) -> Tensor:
         seen = self._reset()
@@ -186,34 +181,29 @@ class MjlabWorlds(ForeignWorlds):
             groups, _ = self.env.reset(env_ids=worlds)
         if self._step is not None:
             self._step.settle()
-        return joined(groups, self.actor_group)
+        return self._joined(groups)
 
     def _advance(self, action: Tensor) -> Outcome:
-        scaled = action.clamp(-1, 1) * self.options.action_scale
-        if self._step is not None:
-            with drawing_from(self.generator), self._sharing:
+        env, scaled = self.env, action.clamp(-1, 1) * self.options.action_scale
+        with drawing_from(self.generator), self._sharing:
+            if self._step is not None:
                 groups, before, failed, timed_out = self._step(scaled)
-            seen, final = (joined(each, self.actor_group) for each in (groups, before))
-            return self._outcome(seen, final, failed, timed_out & ~failed)
-        with drawing_from(self.generator):
-            groups, _, failed, timed_out, _ = self.env.step(scaled)
-        if self.env.cfg.is_finite_horizon:
+            else:
+                groups, _, failed, timed_out, _ = env.step(scaled)
+                before, failed = None, failed.clone()
+        if env.cfg.is_finite_horizon:
             failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
-        timed_out = timed_out & ~failed
-        over = failed | timed_out
-        seen = final = joined(groups, self.actor_group)
-        if not self.env.cfg.auto_reset:
+        timed_out, over = timed_out & ~failed, failed | timed_out
+        seen = final = self._joined(groups)
+        if self._step is None and not env.cfg.auto_reset:
             seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
-            return self._outcome(seen, final, failed.clone(), timed_out)
-        recorder = self.env.recorder_manager.get_term(ENDINGS)
-        before, recorder.groups = recorder.groups, None
+        elif self._step is None:
+            recorder = env.recorder_manager.get_term(ENDINGS)
+            before, recorder.groups = recorder.groups, None
         if before is not None:  # some worlds have restarted
-            final = torch.where(over[:, None], joined(before, self.actor_group), final)
-        return self._outcome(seen, final, failed.clone(), timed_out)
-
-    def _outcome(self, seen: Tensor, final: Tensor, failed: Tensor, timed_out: Tensor) -> Outcome:
-        terms = self.env.reward_manager._step_reward * self._time_step
-        blown_up = self.env.termination_manager.get_term(BLOWN_UP).clone()
+            final = torch.where(over[:, None], self._joined(before), final)
+        terms = env.reward_manager._step_reward * self._time_step
+        blown_up = env.termination_manager.get_term(BLOWN_UP).clone()
         return Outcome(seen, final, terms, failed, timed_out, blown_up)
 
 
@@ -283,15 +273,8 @@ def _not_finite(env: Any) -> Tensor:
 def load(name: str) -> Any:
     """Return a copy of mjlab's config of "mjlab:TASK" or "mjlab:MODULE:TASK"."""
     os.environ.setdefault("MJLAB_WARP_QUIET", "1")
-    try:
-        version = metadata.version("mjlab")
-    except metadata.PackageNotFoundError:
-        version = "0.0"
-    if tuple(map(int, version.split(".")[:2])) < OLDEST:
-        raise MorlaxError(
-            "tasks of mjlab need mjlab 1.6 or newer, in a virtual environment of its own, because "
-            f"it replaces MuJoCo 4 by 3.11: {installation('mjlab')}."
-        )
+    advice = ", in a virtual environment of its own, because it replaces MuJoCo 4 by 3.11"
+    require("mjlab", "mjlab", "1.6", "mjlab", advice)
     import warp as wp
 
     # its libraries print banners and use what torch deprecates
