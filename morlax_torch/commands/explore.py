@@ -6,7 +6,6 @@ from typing import Annotated
 
 from .terminal import cli
 from .terminal.arguments import Positional, Served, Trusting, arg, parse
-from .terminal.live import Live
 from .terminal.process import interruptible
 
 
@@ -20,7 +19,7 @@ class Explore(Trusting, Served):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Explore, arguments)
-    with Live():
+    with cli.Live():
         from ..runs.loading import trust_run  # imports torch
         from ..viewers.explorer import library
 
@@ -34,7 +33,7 @@ def command(arguments: Sequence[str]) -> None:
         from ..viewers.explorer.page import Page
 
     with interruptible() as ended, one_thread(torch.device("cpu")):
-        with Live():
+        with cli.Live():
             page = Page(partial(RunExhibit, choice), options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)

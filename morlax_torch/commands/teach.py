@@ -1,6 +1,5 @@
 """Teach an objective that nobody can write down, by comparisons of clips."""
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,8 +8,7 @@ from pydantic import NonNegativeInt
 
 from .terminal import cli
 from .terminal.arguments import Positional, Served, Trusting, arg, parse
-from .terminal.live import Live
-from .terminal.process import interruptible, program
+from .terminal.process import interruptible, typed
 
 
 class Teach(Trusting, Served):
@@ -37,7 +35,7 @@ def command(arguments: Sequence[str]) -> None:
     options = parse(Teach, arguments)
     host, port, answers = options.host, options.port, options.answers
     serves = options.judge is None and answers > 0
-    with Live():
+    with cli.Live():
         from ..runs.loading import trust_run
         from ..viewers.preferences.teaching import Lesson
 
@@ -55,11 +53,10 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)")
             page.serve(ended)
             page.stop()
-    with Live():
+    with cli.Live():
         fitted = lesson.finish()
     cli.console.print(
         f"{len(lesson.comparisons.answers)} answers; the learned reward agrees with "
         f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"
     )
-    config = shlex.quote(str(options.folder / "config.yaml"))
-    cli.print_command("train", f"{program('train')} --config {config}")
+    cli.print_command("train", typed("train", "--config", options.folder / "config.yaml"))

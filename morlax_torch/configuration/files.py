@@ -31,27 +31,22 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     file's section `gpus`, the changes for at most as many GPUs as `torchrun` has started processes
     apply.
     """
-    task, values = envs.get(env), _packaged("default", device_type)
-    for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):
-        if _is_packaged(name):
-            values = _packaged(name, device_type)
-            break
+    task, names = envs.get(env), ["default"]
+    if not is_file(env):
+        names = [env.replace(":", "/"), env.partition(":")[0], "default"]
+    values = next(filter(None, (_packaged(name, device_type) for name in names)))
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})
-    if _is_packaged(f"algorithms/{algorithm}"):
-        changes = _packaged(f"algorithms/{algorithm}", device_type, env)
-        values = merged(values, {**changes, "algorithm": algorithm})
-    return {**values, "env": env}
-
-
-def _is_packaged(name: str) -> bool:
-    return (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file()
+    changes = _packaged(f"algorithms/{algorithm}", device_type, env)
+    return {**merged(values, changes), "env": env, "algorithm": algorithm}
 
 
 def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
     """Return a packaged file's values for a task: its section `cpu` overrides its `tasks`."""
-    text = (resources.files("morlax_torch.configs") / f"{name}.yaml").read_text()
-    values = yaml.safe_load(text)
+    file = resources.files("morlax_torch.configs") / f"{name}.yaml"
+    if not file.is_file():
+        return {}
+    values = yaml.safe_load(file.read_text())
     of_task = values.pop("tasks", {}).get(env, {})
     return _fitted(merged(values, of_task), device_type)
 

@@ -36,13 +36,8 @@ class Evaluator:
     front: bit for bit on the CPU, on CUDA up to the order of floating-point sums. The k-th episode
     of every trade-off has the same draws, except where a library draws for all worlds at once.
 
-    `latched`, the default protocol: a return is the sum of rewards up to and including the first
-    step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an
-    episode early; steps on which the robot counts as failed earn nothing, later ones may, and the
-    reward that the paper's `reset` returns is added. `discounted`, the protocol of C-MORL (ICLR
-    2025) and D3PO (arXiv 2602.07764) on MO-Gymnasium's tasks: a return is the sum of 0.99^t r_t up
-    to and including the step that ends the episode, of 500 steps at most, and the reference point
-    is -100 in every objective.
+    docs/evaluation.md defines the protocols: `latched`, `paper`, of the paper's tables, and
+    `discounted`, of C-MORL (ICLR 2025) and D3PO (arXiv 2602.07764) on MO-Gymnasium's tasks.
 
     The agent is read anew at each evaluation. There are K * seeds * sets worlds without automatic
     reset, in all processes of the group, which all get all results.

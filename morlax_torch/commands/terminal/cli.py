@@ -1,4 +1,4 @@
-"""Console, and what happens to a command's errors."""
+"""Console, live progress of a command, and what happens to its errors."""
 
 import errno
 import gc
@@ -9,13 +9,15 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
-from typing import NoReturn
+from contextlib import ExitStack, nullcontext
+from typing import NoReturn, Self
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ...envs import MorlaxError
 from ...envs.errors import MorlaxWarning, words
+from ...host.phases import heard_by
 from ...host.resources import shortage_of_memory
 from ...host.torchrun import FIRST, SEVERAL
 from ...host.version import __version__
@@ -23,6 +25,7 @@ from .process import INTERRUPTED, exiting_on_signals, exiting_when_stuck
 
 GRACE = 2.0  # seconds
 ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
+LONGEST_SILENCE = 30.0  # seconds without a line on a file or pipe
 
 
 def _console(quiet: bool = False, stderr: bool = False) -> Console:
@@ -38,6 +41,56 @@ console = _console(quiet=not FIRST)
 def print_command(why: str, command: str) -> None:
     """Print a command, in one line so that it can be copied."""
     console.print(f"{why}: {command}", soft_wrap=True)
+
+
+class Live:
+    """Shows the phases of the work inside; on a file or pipe, after each LONGEST_SILENCE.
+
+    Of the `rows` of moving lines, the first one shows the phases of this process.
+    """
+
+    def __init__(self, rows: int = 1):
+        text = TextColumn("{task.description}", markup=False)
+        self._moving = Progress(
+            *(BarColumn(bar_width=8), text, TimeElapsedColumn()),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        for _ in range(rows):
+            self._moving.add_task("starting", total=None)
+        self._told, self._over, self._open = threading.Event(), threading.Event(), ExitStack()
+
+    def describe(self, name: str, share: float | None) -> str:
+        return name if share is None else f"{name} {share:.0%}"
+
+    def __enter__(self) -> Self:
+        self._open.enter_context(heard_by(self.show))
+        self._open.enter_context(self._moving)
+        if not console.is_terminal:
+            threading.Thread(target=self._tell, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+        self._over.set()
+        self.told()
+
+    def _tell(self) -> None:
+        while not self._over.is_set():
+            if not self._told.wait(LONGEST_SILENCE):
+                for task in self._moving.tasks:
+                    console.print(f"   {task.description}")
+            self._told.clear()
+
+    def show(self, name: str, share: float | None = None, row: int = 0) -> None:
+        task = self._moving.tasks[row]
+        task.description, task.completed = self.describe(name, share), share or 0.0
+        task.total = None if share is None else 1.0
+
+    def told(self) -> None:
+        """Note that a line has been printed."""
+        self._told.set()
 
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
