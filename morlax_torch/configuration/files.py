@@ -1,5 +1,6 @@
 """The files of configs: read, merged with a task's tuned values, and written."""
 
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,15 +39,25 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})
     changes = _packaged(f"algorithms/{algorithm}", device_type, env)
-    return {**merged(values, changes), "env": env, "algorithm": algorithm}
+    values = merged(merged(values, changes), required_values(algorithm))
+    return {**values, "env": env, "algorithm": algorithm}
+
+
+@cache
+def required_values(algorithm: str) -> dict[str, Any]:
+    """Return the values that an algorithm cannot do without: `required` in its packaged file."""
+    return _read_packaged(f"algorithms/{algorithm}").get("required", {})
+
+
+def _read_packaged(name: str) -> dict[str, Any]:
+    file = resources.files("morlax_torch.configs") / f"{name}.yaml"
+    return yaml.safe_load(file.read_text()) if file.is_file() else {}
 
 
 def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
     """Return a packaged file's values for a task: its section `cpu` overrides its `tasks`."""
-    file = resources.files("morlax_torch.configs") / f"{name}.yaml"
-    if not file.is_file():
-        return {}
-    values = yaml.safe_load(file.read_text())
+    values = _read_packaged(name)
+    values.pop("required", None)
     of_task = values.pop("tasks", {}).get(env, {})
     return _fitted(merged(values, of_task), device_type)
 
@@ -126,23 +137,22 @@ def write_record(config: BaseModel, folder: Path) -> None:
 class _Devices(BaseModel):
     """Changes for some devices that a config's file may hold."""
 
-    cpu: dict[str, Any] = {}
-    gpus: dict[Annotated[int, Field(ge=2)], dict[str, Any]] = {}
+    cpu: dict[str, Any] | None = None
+    gpus: dict[Annotated[int, Field(ge=2)], dict[str, Any]] | None = None
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
     """Apply the section `cpu` without a GPU, and the changes in `gpus` for this number of GPUs."""
-    sections = {name: values[name] or {} for name in _Devices.model_fields if name in values}
     try:
-        devices = _Devices.model_validate(sections)
+        devices = _Devices.model_validate(values)
     except ValidationError as error:
         raise explained(error, _Devices) from None
-    values = {name: value for name, value in values.items() if name not in sections}
+    values = {name: value for name, value in values.items() if name not in _Devices.model_fields}
     if device_type == "cpu":
-        return merged(values, devices.cpu)
-    for number in sorted(devices.gpus):
+        return merged(values, devices.cpu or {})
+    for number, changes in sorted((devices.gpus or {}).items()):
         if number <= PROCESSES:
-            values = merged(values, devices.gpus[number])
+            values = merged(values, changes)
     return values
 
 

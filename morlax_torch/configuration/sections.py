@@ -145,13 +145,9 @@ class EvaluationConfig(Section):
         return mine == theirs
 
 
-SPARSE = {"sampling.mode": "sparse", "sampling.corners": 0}  # what several algorithms need
-
-
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
 
-    required: ClassVar[dict[str, Any]] = {}  # values that the algorithm cannot do without
     weighted_sums: ClassVar[bool] = False  # whether it knows no other scalarization
     warms_up: ClassVar[bool] = False  # for a share of the run, which must have an end
 
@@ -168,22 +164,9 @@ class MethodOptions(Section):
         return None
 
 
-class AMOROptions(MethodOptions):
-    """AMOR has no options."""
-
-    required: ClassVar[dict[str, Any]] = {"network.type": "conditioned"}
-
-
-class IndependentOptions(MethodOptions):
-    """Independent policies have no options."""
-
-    required: ClassVar[dict[str, Any]] = {"network.type": "independent", **SPARSE}
-
-
 class HyperMORLOptions(MethodOptions):
     """HYPER-MORL has no options, but a constant."""
 
-    required: ClassVar[dict[str, Any]] = {"network.type": "single", **SPARSE}
     warms_up: ClassVar[bool] = True
     warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
 
@@ -212,11 +195,6 @@ class OffPolicyOptions(MethodOptions):
 class HyperSACOptions(OffPolicyOptions):
     """Options of hyper-sac."""
 
-    required: ClassVar[dict[str, Any]] = {
-        "network.type": "dual",
-        "sampling.mode": "sparse",
-        "ppo.critic": "vector",
-    }
     target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
     steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows
     temperature: ClassVar[float] = 0.02  # initial weight of the entropy, for scaled rewards
@@ -246,9 +224,9 @@ class HyperSACOptions(OffPolicyOptions):
 OPTIONS: dict[str, type[MethodOptions]] = {
     "morlax": MethodOptions,
     "hyper-sac": HyperSACOptions,
-    "amor": AMOROptions,
+    "amor": MethodOptions,
     "hyper-morl": HyperMORLOptions,
-    "independent": IndependentOptions,
+    "independent": MethodOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 

@@ -75,16 +75,15 @@ class Evaluator:
         self.tradeoffs = tradeoffs.to(env.device)
         self._seed = EVALUATION_SEEDS + seed
         self._observation = env.reset().clone()
-        shape = len(tradeoffs), len(env.objectives)
-        self._returns = torch.zeros(shape, dtype=torch.float32, device=env.device)
         self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
-        self._fallen = torch.zeros_like(self._alive)
-        self._blown_up = torch.zeros_like(self._alive)
         self._knows_blowups = True
-        self._lengths = torch.zeros(len(tradeoffs), dtype=torch.int32, device=env.device)
-        # sums of what the worlds measure, then the number of measured steps
-        size = env.measure().shape[1] + 1 if env.quantities else 0
-        self._measured = self._returns.new_zeros(len(tradeoffs), size)
+        m, size = len(env.objectives), env.measure().shape[1] + 1 if env.quantities else 0
+        # a row of results per world
+        shape = len(tradeoffs), m + size + 3
+        self._results = torch.zeros(shape, dtype=torch.float32, device=env.device)
+        self._returns = self._results[:, :m]
+        self._measured = self._results[:, m:-3]  # sums, then the number of measured steps
+        self._lengths, self._fallen, self._blown_up = self._results[:, -3:].T
         self._discounted = protocol == "discounted"
         self._weight = self._returns.new_ones(())  # of the next step's rewards
         self._horizon = min(HORIZON, env.episode_length) if self._discounted else env.episode_length
@@ -135,9 +134,7 @@ class Evaluator:
         self._alive.fill_(True)
         self.env.move_only(self._alive)
         self._weight.fill_(1.0)
-        sums = self._returns, self._measured
-        for values in (self._fallen, self._blown_up, self._lengths, *sums):
-            values.zero_()
+        self._results.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         noun = "trade-off" if self.number == 1 else "trade-offs"
@@ -154,9 +151,8 @@ class Evaluator:
 
     def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
-        flags = (self._lengths, self._fallen, self._blown_up, self.env.overflow())
-        columns = (self._returns, self._measured, *(values[:, None] for values in flags))
-        results = torch.cat([values.double() for values in columns], 1).cpu().numpy()
+        overflow = self.env.overflow()[:, None]
+        results = torch.cat([self._results.double(), overflow.double()], 1).cpu().numpy()
         table = np.empty((self._sets * len(self._points), results.shape[1]))
         for rank, part in enumerate(self._group.gather(results)):
             table[rank :: self._group.size] = part
@@ -194,10 +190,11 @@ class Evaluator:
     def _one_step(self) -> None:
         step = self.env.step(self._actors.act(self._observation[:, None])[:, 0])
         latched = self.protocol != "paper"
-        self._fallen |= step.terminated & self._alive if latched else step.terminated
+        counted = self._alive if latched else torch.ones_like(self._alive)
+        self._fallen.logical_or_(step.terminated & counted)
         self._knows_blowups = step.blown_up is not None
         if step.blown_up is not None:
-            self._blown_up |= step.blown_up & self._alive if latched else step.blown_up
+            self._blown_up.logical_or_(step.blown_up & counted)
         if not latched:
             self._alive.copy_(~step.terminated)
         self._returns += self._weight * torch.where(self._alive[:, None], step.reward, 0.0)

@@ -1,5 +1,6 @@
 """Shared style of figures: colors that work in grayscale, axis labels, files."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -91,15 +92,12 @@ def panels(
 
     To print, the figure has a `width` instead, and room for the entries of a legend.
     """
-    if width is None:
-        columns = min(number, columns)
-        figure = blank(size[0] * columns, size[1] * -(-number // columns) + room, title)
-    else:
-        columns = max(1, min(number, int(width / NARROWEST)))
-        lines = -(-entries // max(1, int(width / PRINTED_ENTRY)))
-        height = PRINTED_HEIGHT * -(-number // columns) * width / columns
-        figure = blank(width, height + PRINTED_LINE * lines, title)
-    rows = -(-number // columns)
+    columns = min(number, columns if width is None else max(1, int(width / NARROWEST)))
+    if width is not None:
+        size = width / columns, PRINTED_HEIGHT * width / columns
+        room = PRINTED_LINE * math.ceil(entries / max(1, int(width / PRINTED_ENTRY)))
+    rows = math.ceil(number / columns)
+    figure = blank(width or size[0] * columns, size[1] * rows + room, title)
     return figure, [figure.add_subplot(rows, columns, cell + 1) for cell in range(number)]
 
 
