@@ -6,7 +6,6 @@ from typing import Annotated
 
 from .terminal import cli
 from .terminal.arguments import Positional, Served, Trusting, arg, parse
-from .terminal.process import interruptible
 
 
 class Explore(Trusting, Served):
@@ -30,12 +29,7 @@ def command(arguments: Sequence[str]) -> None:
 
         from ..host.resources import one_thread
         from ..viewers.explorer.exhibits import RunExhibit
-        from ..viewers.explorer.page import Page
 
-    with interruptible() as ended, one_thread(torch.device("cpu")):
-        with cli.Live():
-            page = Page(partial(RunExhibit, choice), options.host, options.port)
-        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
-        page.serve(ended)
-        page.stop()
+    with one_thread(torch.device("cpu")):
+        options.serve(partial(RunExhibit, choice))
     cli.skip_teardown()  # which would wait for the thread of a search

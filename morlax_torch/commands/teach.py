@@ -8,7 +8,7 @@ from pydantic import NonNegativeInt
 
 from .terminal import cli
 from .terminal.arguments import Positional, Served, Trusting, arg, parse
-from .terminal.process import interruptible, typed
+from .terminal.process import typed
 
 
 class Teach(Trusting, Served):
@@ -33,8 +33,7 @@ class Teach(Trusting, Served):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Teach, arguments)
-    host, port, answers = options.host, options.port, options.answers
-    serves = options.judge is None and answers > 0
+    answers = options.answers
     with cli.Live():
         from ..runs.loading import trust_run
         from ..viewers.preferences.teaching import Lesson
@@ -43,16 +42,13 @@ def command(arguments: Sequence[str]) -> None:
         lesson = Lesson(options.run, options.folder, options.objective, options.clips, options.seed)
     if options.judge is not None:
         lesson.judge(options.judge, answers)
-    elif serves:
+    elif answers:
         from ..viewers.explorer.comparisons import questions
         from ..viewers.explorer.exhibits import ComparisonExhibit
-        from ..viewers.explorer.page import Page
 
-        with interruptible() as ended:
-            page = Page(lambda _: ComparisonExhibit(questions(lesson, answers)), host, port)
-            cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)")
-            page.serve(ended)
-            page.stop()
+        options.serve(
+            lambda _: ComparisonExhibit(questions(lesson, answers)), "when you have answered"
+        )
     with cli.Live():
         fitted = lesson.finish()
     cli.console.print(

@@ -221,19 +221,14 @@ class HyperSACOptions(OffPolicyOptions):
         check_multiple("batch", self.batch, clusters, " (sampling.clusters)")
 
 
-OPTIONS: dict[str, type[MethodOptions]] = {
-    "morlax": MethodOptions,
-    "hyper-sac": HyperSACOptions,
-    "amor": MethodOptions,
-    "hyper-morl": HyperMORLOptions,
-    "independent": MethodOptions,
-}
+OPTIONS = {"hyper-sac": HyperSACOptions, "hyper-morl": HyperMORLOptions}
+BASELINES = ("pg-morl", "pd-morl")  # packages of `morlax_torch.baselines`
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 
 
 def baseline(algorithm: str, module: str) -> ModuleType | None:
     """Import a module of `morlax_torch.baselines` by the algorithm's name; None of others."""
-    if algorithm not in ALGORITHMS or algorithm in OPTIONS:
+    if algorithm not in BASELINES:
         return None
     return import_module(f"morlax_torch.baselines.{algorithm.replace('-', '_')}.{module}")
 

@@ -4,7 +4,7 @@ import math
 import re
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, get_origin
@@ -22,11 +22,12 @@ from ...envs.errors import explained
 from ...envs.naming import absolute, is_file
 from ...envs.worlds.options import Section
 from ...host.torchrun import FIRST, MAY_RESTART, launch
-from .cli import console
-from .process import program, typed
+from .cli import Live, console
+from .process import interruptible, program, typed
 
 if TYPE_CHECKING:
     from ...runs.run import Run
+    from ...viewers.explorer.exhibits import Exhibit
 
 HELP_ALL = "--help-all"
 USUAL = "cheetah"  # the task whose options --help-all lists if the command line names none
@@ -86,6 +87,17 @@ class Served(Section):
     port: Annotated[int, arg(metavar="NUMBER")] = 8080
     """TCP port to listen on, or the next free one; 0 selects any."""
 
+    def serve(self, make: "Callable[[Any], Exhibit]", until: str = "to stop") -> None:
+        """Serve the page of an exhibit until Ctrl-C."""
+        from ...viewers.explorer.page import Page
+
+        with interruptible() as ended:
+            with Live():
+                page = Page(make, self.host, self.port)
+            console.print(f"open {page.address}  (Ctrl-C {until})", soft_wrap=True)
+            page.serve(ended)
+            page.stop()
+
 
 class Limits(Section):
     """Options of commands that keep requirements."""
@@ -130,11 +142,9 @@ def _number(text: str, sign: str, example: str, problem: str) -> tuple[str, floa
 
 @_registry.struct_rule
 def _plain_values(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
-    """Make tyro read a pydantic model as plain values, which are then checked together.
-
-    tyro's own rule checks each section by itself, so that an error does not say where its value
-    stands, and searches the source code of models for comments, which takes 0.2 s.
-    """
+    """Make tyro read a pydantic model as plain values, which are then checked together."""
+    # tyro's own rule checks each section by itself, so that an error does not say where its value
+    # stands, and searches the source code of models for comments, which takes 0.2 s
     if not (isinstance(info.type, type) and issubclass(info.type, BaseModel)):
         return None
     fields = []
@@ -301,16 +311,16 @@ def values_over(start: Start, others: Sequence[str], base: Config | None = None)
     It is that of the file or task that the command line names, unless `base` is another one.
     """
     base = base or load_config(_base_values(start), DRAFT)  # which the options may repair
-    about = f"All options of a config, with the defaults of --env {base.env}, from configs/."
+    text = f"All options of a config, with the defaults of --env {base.env}, from configs/."
     words = ["--help" if word == HELP_ALL else word for word in others]
     helps = HELP_ALL in others
-    settings: Any = {"default": base, "description": about, "add_help": helps}
+    settings: Any = {"default": base, "description": text, "add_help": helps}
     try:
         return _typed(type(start), type(base), words, **settings)
     except SystemExit:
         if not helps:
-            command = program(type(start).__name__.lower())
-            print(f"All options: {command} --env NAME {HELP_ALL}", file=sys.stderr)
+            name = type(start).__name__.lower()
+            print(f"All options: {program(name)} --env NAME {HELP_ALL}", file=sys.stderr)
         raise
 
 

@@ -30,9 +30,9 @@ LONGEST_SILENCE = 30.0  # seconds without a line on a file or pipe
 
 def _console(quiet: bool = False, stderr: bool = False) -> Console:
     """Return a console that breaks lines between words, and only on a terminal."""
-    made = Console(markup=False, highlight=False, emoji=False, quiet=quiet, stderr=stderr)
-    made.soft_wrap = not made.is_terminal
-    return made
+    terminal = Console(markup=False, highlight=False, emoji=False, quiet=quiet, stderr=stderr)
+    terminal.soft_wrap = not terminal.is_terminal
+    return terminal
 
 
 console = _console(quiet=not FIRST)
@@ -140,8 +140,8 @@ def _prepare() -> None:
     gc.set_threshold(100_000)  # looking for cycles takes a third of importing torch
     # On a busy machine, threads that wait for each other hold cores that others need. GNU's OpenMP,
     # which torch has on Linux, reads this when torch is imported.
-    told = {"OMP_WAIT_POLICY", "OMP_NUM_THREADS", "GOMP_SPINCOUNT"} & os.environ.keys()
-    if not told and hasattr(os, "getloadavg") and os.getloadavg()[0] >= 1:
+    set_by_user = {"OMP_WAIT_POLICY", "OMP_NUM_THREADS", "GOMP_SPINCOUNT"} & os.environ.keys()
+    if not set_by_user and hasattr(os, "getloadavg") and os.getloadavg()[0] >= 1:
         os.environ["GOMP_SPINCOUNT"] = str(ACTIVE_WAITS)
     formatted = warnings.formatwarning
     warnings.formatwarning = lambda message, category, *others: (
