@@ -14,14 +14,7 @@ from ..envs.errors import explained, shortened, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..host.phases import phase
-from .files import (
-    algorithm_of,
-    merged,
-    nested,
-    over_task_values,
-    required_values,
-    task_values,
-)
+from .files import algorithm_of, merged, nested, over_task_values, required_values, task_values
 from .sections import (
     DESIGNING,
     Algorithm,
@@ -211,8 +204,6 @@ class Config(Section):
     def _check_sizes(self) -> None:
         m, K = len(self.task.objectives), self.num_clusters
         corners, focus = self.num_corners(m), self.sampling.focus
-        if K <= 1:
-            raise ValueError(f"sampling.clusters is {K}: there must be at least 2 trade-offs")
         if self.worlds % K:
             raise ValueError(
                 f"sampling.clusters ({K}) must divide worlds ({self.worlds}): "

@@ -24,13 +24,11 @@ RECORD = """\
 def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:
     """Return the tuned values of a task for "cuda" or "cpu".
 
-    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, for others
-    with the prefix of a library from configs/gymnasium.yaml, configs/mjlab.yaml or
-    configs/playground.yaml, and for all other tasks from configs/default.yaml. Worlds that do not
-    show how an episode ended get `ppo.truncation: mask`. An algorithm other than MORLAX changes
-    what configs/algorithms/<algorithm>.yaml says, for the task itself in the section `tasks`. Of a
-    file's section `gpus`, the changes for at most as many GPUs as `torchrun` has started processes
-    apply.
+    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml or else
+    configs/mjlab.yaml, and for all other tasks from configs/default.yaml. An algorithm other than
+    MORLAX changes what configs/algorithms/<algorithm>.yaml says, for the task itself in the section
+    `tasks`. Of a file's section `gpus`, the changes for at most as many GPUs as `torchrun` has
+    started processes apply.
     """
     task, names = envs.get(env), ["default"]
     if not is_file(env):
@@ -39,8 +37,7 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})
     changes = _packaged(f"algorithms/{algorithm}", device_type, env)
-    values = merged(merged(values, changes), required_values(algorithm))
-    return {**values, "env": env, "algorithm": algorithm}
+    return {**merged(values, changes), "env": env, "algorithm": algorithm}
 
 
 @cache
@@ -57,9 +54,8 @@ def _read_packaged(name: str) -> dict[str, Any]:
 def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
     """Return a packaged file's values for a task: its section `cpu` overrides its `tasks`."""
     values = _read_packaged(name)
-    values.pop("required", None)
-    of_task = values.pop("tasks", {}).get(env, {})
-    return _fitted(merged(values, of_task), device_type)
+    required, of_task = values.pop("required", {}), values.pop("tasks", {}).get(env, {})
+    return merged(_fitted(merged(values, of_task), device_type), required)
 
 
 def file_values(

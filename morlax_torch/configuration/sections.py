@@ -27,7 +27,7 @@ class SamplingConfig(Section):
 
     mode: Literal["sparse", "dense"] = "sparse"
     """sparse: K clusters of worlds share a trade-off each; dense: every world has its own."""
-    clusters: int = 8
+    clusters: int = Field(default=8, ge=2)
     """K, for sparse sampling; must divide the number of worlds."""
     corners: NonNegativeInt | None = None
     """Number of clusters whose trade-off is a corner: 0 or one per objective (None: the latter)."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -151,11 +152,10 @@ def of_objectives(m: int) -> list[str]:
 
 
 def distinct(number: int) -> list[dict[str, Any]]:
-    shades = mpl.colormaps[RUNS]([0.85 * k / max(number - 1, 1) for k in range(number)])
-    return [
-        {"color": shade, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
-        for k, shade in enumerate(shades)
-    ]
+    """Return colors, markers and lines that tell so many curves apart."""
+    colors = mpl.colormaps[RUNS](np.linspace(0, 0.85, number))
+    looks = zip(colors, cycle(MARKERS), cycle(LINES), strict=False)
+    return [{"color": color, "marker": mark, "linestyle": line} for color, mark, line in looks]
 
 
 def tint(axes: Axes, x: str, y: str) -> None:
