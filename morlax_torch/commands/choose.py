@@ -9,7 +9,6 @@ from ..envs import MorlaxError
 from ..host.files import write_file
 from .terminal import cli
 from .terminal.arguments import Device, Limits, OfRun, Texts, arg, parse
-from .terminal.live import Live
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice
@@ -49,7 +48,7 @@ def command(arguments: Sequence[str]) -> None:
     least, most = options.limits(options.constrain)
     if options.card is not None and options.card.suffix != ".html":
         raise MorlaxError(f"the decision card {options.card} must end in .html.")
-    with Live():
+    with cli.Live():
         from ..envs.making import has_robot
         from ..evaluation.requirements import shown
         from ..runs import loading
@@ -77,7 +76,7 @@ def command(arguments: Sequence[str]) -> None:
             "to see the robot": options.use("explore"),
         }
     if options.card is not None:
-        with Live():
+        with cli.Live():
             from ..viewers.explorer.saving import decision_card
 
             typed = list(commands.values())

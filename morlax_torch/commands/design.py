@@ -11,7 +11,6 @@ from ..envs import MorlaxError
 from ..host.files import make_folder
 from .terminal import cli
 from .terminal.arguments import Device, Limits, OfRun, arg, parse
-from .terminal.live import Live
 from .terminal.process import program
 
 FILES = "designs.csv", "designs.png", "designs.pdf", "body.xml", "body.pt"
@@ -55,7 +54,7 @@ def command(arguments: Sequence[str]) -> None:
     if options.maximize is None and (least or most):
         raise MorlaxError("name what to maximize under these requirements: --maximize NAME.")
 
-    with Live():
+    with cli.Live():
         from ..envs import resolve_device
         from ..evaluation.requirements import Requirements
         from ..runs.loading import load, own_folder

@@ -1,7 +1,6 @@
 """Evaluate trained runs: fronts, indicators, figures and a report."""
 
 import copy
-import shlex
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -12,8 +11,7 @@ from ..envs import MorlaxError
 from ..host.phases import phase
 from .terminal import cli
 from .terminal.arguments import Device, OfRuns, parse
-from .terminal.live import Live
-from .terminal.process import program
+from .terminal.process import typed
 
 PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 
@@ -58,12 +56,11 @@ class Evaluate(OfRuns):
 
 def command(arguments: Sequence[str]) -> None:
     options = dict(parse(Evaluate, arguments))
-    typed = f"{program('evaluate')} {shlex.join(arguments)}"
-    with Live():
+    with cli.Live():
         from ..reports.evaluating import evaluate_runs  # imports torch
 
-        runs = options.pop("runs")
-        _, folder = evaluate_runs(runs, typed, portrait=_portrait, show=_show, **options)
+        runs, line = options.pop("runs"), typed("evaluate", *arguments)
+        _, folder = evaluate_runs(runs, line, portrait=_portrait, show=_show, **options)
     cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
 
 

@@ -6,8 +6,6 @@ from typing import Annotated
 
 from .terminal import cli
 from .terminal.arguments import Positional, Served, Trusting, arg, parse
-from .terminal.live import Live
-from .terminal.process import interruptible
 
 
 class Explore(Trusting, Served):
@@ -20,7 +18,7 @@ class Explore(Trusting, Served):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Explore, arguments)
-    with Live():
+    with cli.Live():
         from ..runs.loading import trust_run  # imports torch
         from ..viewers.explorer import library
 
@@ -31,12 +29,7 @@ def command(arguments: Sequence[str]) -> None:
 
         from ..host.resources import one_thread
         from ..viewers.explorer.exhibits import RunExhibit
-        from ..viewers.explorer.page import Page
 
-    with interruptible() as ended, one_thread(torch.device("cpu")):
-        with Live():
-            page = Page(partial(RunExhibit, choice), options.host, options.port)
-        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
-        page.serve(ended)
-        page.stop()
+    with one_thread(torch.device("cpu")):
+        options.serve(partial(RunExhibit, choice))
     cli.skip_teardown()  # which would wait for the thread of a search

@@ -9,7 +9,6 @@ from pydantic import PositiveFloat
 from ..envs import MorlaxError
 from .terminal import cli
 from .terminal.arguments import OfRun, arg, parse
-from .terminal.live import Live
 
 
 class Export(OfRun):
@@ -38,7 +37,7 @@ def command(arguments: Sequence[str]) -> None:
     options = parse(Export, arguments)
     if options.slew is not None and options.tradeoff is not None:
         raise MorlaxError("--slew limits a trade-off that changes: leave --tradeoff out.")
-    with Live():
+    with cli.Live():
         from ..exports.deployment import SETTINGS, deploy
         from ..exports.exporting import export, provenance, robot_of  # imports torch
         from ..exports.formats import FORMATS

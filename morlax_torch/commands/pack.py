@@ -8,8 +8,7 @@ from typing import Annotated
 from ..envs import MorlaxError
 from .terminal import cli
 from .terminal.arguments import Positional, Trusting, arg, parse
-from .terminal.live import Live
-from .terminal.process import program
+from .terminal.process import typed
 
 
 class Pack(Trusting):
@@ -39,7 +38,7 @@ def command(arguments: Sequence[str]) -> None:
             "name a run and a new folder (RUN FOLDER), or runs and a folder for their web page "
             "(RUN ... --web FOLDER)."
         )
-    with Live():
+    with cli.Live():
         from ..runs.loading import trust_run  # imports torch
 
         for run in runs:
@@ -57,5 +56,5 @@ def command(arguments: Sequence[str]) -> None:
         front = pack(runs[0], folder, options.device)
         size = sum(path.stat().st_size for path in folder.rglob("*.*")) / 1e6
         cli.console.print(f"hypervolume {front.hypervolume:.4e}; written: {folder} ({size:.1f} MB)")
-        packed = shlex.quote(str(folder)) + (" --trust" if options.trust else "")
-        cli.print_command("use it", f"{program('evaluate')} {packed}")
+        trust = ["--trust"] * options.trust
+        cli.print_command("use it", typed("evaluate", folder, *trust))

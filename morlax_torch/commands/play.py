@@ -9,7 +9,6 @@ from rich.table import Column, Table
 from ..envs.worlds.options import Section
 from .terminal import cli
 from .terminal.arguments import Positional, arg, parse
-from .terminal.live import Live
 
 Pair = Annotated[tuple[float, float], arg(metavar="LOW HIGH")]
 
@@ -57,7 +56,7 @@ def command(arguments: Sequence[str]) -> None:
     deployment = open_export(options.export)
     if options.episodes is not None:
         duration = 30.0 if seconds is None else seconds
-        with Live():
+        with cli.Live():
             episodes = run(deployment, strengths, options.episodes, duration, seed)
         cli.console.print(_table(episodes))
         return
@@ -66,7 +65,7 @@ def command(arguments: Sequence[str]) -> None:
         falls = show(deployment, strengths, seconds, options.gamepad, seed)
     else:
         file, duration = options.output or Path("film.mp4"), 5.0 if seconds is None else seconds
-        with Live():
+        with cli.Live():
             falls = film(deployment, strengths, file, duration, seed)
         cli.console.print(f"written: {file}")
     cli.console.print(f"falls: {falls}")

@@ -6,7 +6,6 @@ from typing import Annotated
 
 from .terminal import cli
 from .terminal.arguments import OfRun, Texts, arg, numbers, parse
-from .terminal.live import Live
 
 
 class Record(OfRun):
@@ -44,7 +43,7 @@ class Record(OfRun):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Record, arguments)
-    with Live():
+    with cli.Live():
         from ..runs import loading  # imports torch
         from ..viewers.filming.recording import record
 

@@ -1,6 +1,5 @@
 """Teach an objective that nobody can write down, by comparisons of clips."""
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,8 +8,7 @@ from pydantic import NonNegativeInt
 
 from .terminal import cli
 from .terminal.arguments import Positional, Served, Trusting, arg, parse
-from .terminal.live import Live
-from .terminal.process import interruptible, program
+from .terminal.process import typed
 
 
 class Teach(Trusting, Served):
@@ -35,9 +33,8 @@ class Teach(Trusting, Served):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Teach, arguments)
-    host, port, answers = options.host, options.port, options.answers
-    serves = options.judge is None and answers > 0
-    with Live():
+    answers = options.answers
+    with cli.Live():
         from ..runs.loading import trust_run
         from ..viewers.preferences.teaching import Lesson
 
@@ -45,21 +42,17 @@ def command(arguments: Sequence[str]) -> None:
         lesson = Lesson(options.run, options.folder, options.objective, options.clips, options.seed)
     if options.judge is not None:
         lesson.judge(options.judge, answers)
-    elif serves:
+    elif answers:
         from ..viewers.explorer.comparisons import questions
         from ..viewers.explorer.exhibits import ComparisonExhibit
-        from ..viewers.explorer.page import Page
 
-        with interruptible() as ended:
-            page = Page(lambda _: ComparisonExhibit(questions(lesson, answers)), host, port)
-            cli.console.print(f"open {page.address}  (Ctrl-C when you have answered)")
-            page.serve(ended)
-            page.stop()
-    with Live():
+        options.serve(
+            lambda _: ComparisonExhibit(questions(lesson, answers)), "when you have answered"
+        )
+    with cli.Live():
         fitted = lesson.finish()
     cli.console.print(
         f"{len(lesson.comparisons.answers)} answers; the learned reward agrees with "
         f"{fitted.accuracy:.0%} of {fitted.checked} that it was not fitted to"
     )
-    config = shlex.quote(str(options.folder / "config.yaml"))
-    cli.print_command("train", f"{program('train')} --config {config}")
+    cli.print_command("train", typed("train", "--config", options.folder / "config.yaml"))

@@ -8,7 +8,6 @@ from contextlib import closing
 
 from .terminal import cli
 from .terminal.arguments import read
-from .terminal.live import Live
 from .terminal.process import BEGAN, interruptible, is_command
 
 
@@ -24,7 +23,7 @@ def command(arguments: Sequence[str]) -> None:
             f"{run.folder} has reached its limit: raise --{limit} to train it further."
         )
         return
-    with Live():
+    with cli.Live():
         from ..runs.training import Session  # imports torch
         from .terminal.display import Display
 

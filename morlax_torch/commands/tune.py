@@ -19,8 +19,7 @@ from ..envs.naming import title
 from ..envs.worlds.options import Count
 from ..host.torchrun import SEVERAL
 from .terminal.arguments import Start, begin, placed, values_over
-from .terminal.cli import console, print_command
-from .terminal.live import Live
+from .terminal.cli import Live, console, print_command
 from .terminal.process import Interruption, interruptible, program
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import pydantic
 from pydantic import Field, PositiveFloat, ValidationError, ValidationInfo
@@ -14,7 +14,7 @@ from ..envs.errors import explained, shortened, unknown
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..host.phases import phase
-from .files import algorithm_of, merged, nested, over_task_values, task_values
+from .files import algorithm_of, merged, nested, over_task_values, required_values, task_values
 from .sections import (
     DESIGNING,
     Algorithm,
@@ -27,9 +27,6 @@ from .sections import (
     SamplingConfig,
     options_class,
 )
-
-if TYPE_CHECKING:
-    from ..envs import Worlds  # imports torch
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
@@ -111,7 +108,7 @@ class Config(Section):
         """K."""
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
 
-    def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> "Worlds":
+    def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> "envs.Worlds":
         """Make worlds of the task; those to evaluate in have no automatic reset."""
         phase(f"building {number} worlds")
         task = self.task.for_evaluation() if evaluating else self.task
@@ -164,7 +161,7 @@ class Config(Section):
         return self
 
     def _check_algorithm(self) -> None:
-        required = self.method.required
+        required = flat(required_values(self.algorithm))
         for name, value in required.items():
             if (typed := attrgetter(name)(self)) != value:
                 raise ValueError(
@@ -207,8 +204,6 @@ class Config(Section):
     def _check_sizes(self) -> None:
         m, K = len(self.task.objectives), self.num_clusters
         corners, focus = self.num_corners(m), self.sampling.focus
-        if K <= 1:
-            raise ValueError(f"sampling.clusters is {K}: there must be at least 2 trade-offs")
         if self.worlds % K:
             raise ValueError(
                 f"sampling.clusters ({K}) must divide worlds ({self.worlds}): "

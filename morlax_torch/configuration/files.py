@@ -1,5 +1,6 @@
 """The files of configs: read, merged with a task's tuned values, and written."""
 
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,37 +24,38 @@ RECORD = """\
 def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:
     """Return the tuned values of a task for "cuda" or "cpu".
 
-    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, for others
-    with the prefix of a library from configs/gymnasium.yaml, configs/mjlab.yaml or
-    configs/playground.yaml, and for all other tasks from configs/default.yaml. Worlds that do not
-    show how an episode ended get `ppo.truncation: mask`. An algorithm other than MORLAX changes
-    what configs/algorithms/<algorithm>.yaml says, for the task itself in the section `tasks`. Of a
-    file's section `gpus`, the changes for at most as many GPUs as `torchrun` has started processes
-    apply.
+    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml or else
+    configs/mjlab.yaml, and for all other tasks from configs/default.yaml. An algorithm other than
+    MORLAX changes what configs/algorithms/<algorithm>.yaml says, for the task itself in the section
+    `tasks`. Of a file's section `gpus`, the changes for at most as many GPUs as `torchrun` has
+    started processes apply.
     """
-    task, values = envs.get(env), _packaged("default", device_type)
-    for name in () if is_file(env) else (env.replace(":", "/"), env.partition(":")[0]):
-        if _is_packaged(name):
-            values = _packaged(name, device_type)
-            break
+    task, names = envs.get(env), ["default"]
+    if not is_file(env):
+        names = [env.replace(":", "/"), env.partition(":")[0], "default"]
+    values = next(filter(None, (_packaged(name, device_type) for name in names)))
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})
-    if _is_packaged(f"algorithms/{algorithm}"):
-        changes = _packaged(f"algorithms/{algorithm}", device_type, env)
-        values = merged(values, {**changes, "algorithm": algorithm})
-    return {**values, "env": env}
+    changes = _packaged(f"algorithms/{algorithm}", device_type, env)
+    return {**merged(values, changes), "env": env, "algorithm": algorithm}
 
 
-def _is_packaged(name: str) -> bool:
-    return (resources.files("morlax_torch.configs") / f"{name}.yaml").is_file()
+@cache
+def required_values(algorithm: str) -> dict[str, Any]:
+    """Return the values that an algorithm cannot do without: `required` in its packaged file."""
+    return _read_packaged(f"algorithms/{algorithm}").get("required", {})
+
+
+def _read_packaged(name: str) -> dict[str, Any]:
+    file = resources.files("morlax_torch.configs") / f"{name}.yaml"
+    return yaml.safe_load(file.read_text()) if file.is_file() else {}
 
 
 def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
     """Return a packaged file's values for a task: its section `cpu` overrides its `tasks`."""
-    text = (resources.files("morlax_torch.configs") / f"{name}.yaml").read_text()
-    values = yaml.safe_load(text)
-    of_task = values.pop("tasks", {}).get(env, {})
-    return _fitted(merged(values, of_task), device_type)
+    values = _read_packaged(name)
+    required, of_task = values.pop("required", {}), values.pop("tasks", {}).get(env, {})
+    return merged(_fitted(merged(values, of_task), device_type), required)
 
 
 def file_values(
@@ -131,23 +133,22 @@ def write_record(config: BaseModel, folder: Path) -> None:
 class _Devices(BaseModel):
     """Changes for some devices that a config's file may hold."""
 
-    cpu: dict[str, Any] = {}
-    gpus: dict[Annotated[int, Field(ge=2)], dict[str, Any]] = {}
+    cpu: dict[str, Any] | None = None
+    gpus: dict[Annotated[int, Field(ge=2)], dict[str, Any]] | None = None
 
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
     """Apply the section `cpu` without a GPU, and the changes in `gpus` for this number of GPUs."""
-    sections = {name: values[name] or {} for name in _Devices.model_fields if name in values}
     try:
-        devices = _Devices.model_validate(sections)
+        devices = _Devices.model_validate(values)
     except ValidationError as error:
         raise explained(error, _Devices) from None
-    values = {name: value for name, value in values.items() if name not in sections}
+    values = {name: value for name, value in values.items() if name not in _Devices.model_fields}
     if device_type == "cpu":
-        return merged(values, devices.cpu)
-    for number in sorted(devices.gpus):
+        return merged(values, devices.cpu or {})
+    for number, changes in sorted((devices.gpus or {}).items()):
         if number <= PROCESSES:
-            values = merged(values, devices.gpus[number])
+            values = merged(values, changes)
     return values
 
 

@@ -27,7 +27,7 @@ class SamplingConfig(Section):
 
     mode: Literal["sparse", "dense"] = "sparse"
     """sparse: K clusters of worlds share a trade-off each; dense: every world has its own."""
-    clusters: int = 8
+    clusters: int = Field(default=8, ge=2)
     """K, for sparse sampling; must divide the number of worlds."""
     corners: NonNegativeInt | None = None
     """Number of clusters whose trade-off is a corner: 0 or one per objective (None: the latter)."""
@@ -145,13 +145,9 @@ class EvaluationConfig(Section):
         return mine == theirs
 
 
-SPARSE = {"sampling.mode": "sparse", "sampling.corners": 0}  # what several algorithms need
-
-
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
 
-    required: ClassVar[dict[str, Any]] = {}  # values that the algorithm cannot do without
     weighted_sums: ClassVar[bool] = False  # whether it knows no other scalarization
     warms_up: ClassVar[bool] = False  # for a share of the run, which must have an end
 
@@ -168,22 +164,9 @@ class MethodOptions(Section):
         return None
 
 
-class AMOROptions(MethodOptions):
-    """AMOR has no options."""
-
-    required: ClassVar[dict[str, Any]] = {"network.type": "conditioned"}
-
-
-class IndependentOptions(MethodOptions):
-    """Independent policies have no options."""
-
-    required: ClassVar[dict[str, Any]] = {"network.type": "independent", **SPARSE}
-
-
 class HyperMORLOptions(MethodOptions):
     """HYPER-MORL has no options, but a constant."""
 
-    required: ClassVar[dict[str, Any]] = {"network.type": "single", **SPARSE}
     warms_up: ClassVar[bool] = True
     warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
 
@@ -212,11 +195,6 @@ class OffPolicyOptions(MethodOptions):
 class HyperSACOptions(OffPolicyOptions):
     """Options of hyper-sac."""
 
-    required: ClassVar[dict[str, Any]] = {
-        "network.type": "dual",
-        "sampling.mode": "sparse",
-        "ppo.critic": "vector",
-    }
     target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
     steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows
     temperature: ClassVar[float] = 0.02  # initial weight of the entropy, for scaled rewards
@@ -243,19 +221,14 @@ class HyperSACOptions(OffPolicyOptions):
         check_multiple("batch", self.batch, clusters, " (sampling.clusters)")
 
 
-OPTIONS: dict[str, type[MethodOptions]] = {
-    "morlax": MethodOptions,
-    "hyper-sac": HyperSACOptions,
-    "amor": AMOROptions,
-    "hyper-morl": HyperMORLOptions,
-    "independent": IndependentOptions,
-}
+OPTIONS = {"hyper-sac": HyperSACOptions, "hyper-morl": HyperMORLOptions}
+BASELINES = ("pg-morl", "pd-morl")  # packages of `morlax_torch.baselines`
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 
 
 def baseline(algorithm: str, module: str) -> ModuleType | None:
     """Import a module of `morlax_torch.baselines` by the algorithm's name; None of others."""
-    if algorithm not in ALGORITHMS or algorithm in OPTIONS:
+    if algorithm not in BASELINES:
         return None
     return import_module(f"morlax_torch.baselines.{algorithm.replace('-', '_')}.{module}")
 

@@ -36,13 +36,8 @@ class Evaluator:
     front: bit for bit on the CPU, on CUDA up to the order of floating-point sums. The k-th episode
     of every trade-off has the same draws, except where a library draws for all worlds at once.
 
-    `latched`, the default protocol: a return is the sum of rewards up to and including the first
-    step that ends the episode. `paper`, the protocol behind the paper's tables: nothing ends an
-    episode early; steps on which the robot counts as failed earn nothing, later ones may, and the
-    reward that the paper's `reset` returns is added. `discounted`, the protocol of C-MORL (ICLR
-    2025) and D3PO (arXiv 2602.07764) on MO-Gymnasium's tasks: a return is the sum of 0.99^t r_t up
-    to and including the step that ends the episode, of 500 steps at most, and the reference point
-    is -100 in every objective.
+    docs/evaluation.md defines the protocols: `latched`, `paper`, of the paper's tables, and
+    `discounted`, of C-MORL (ICLR 2025) and D3PO (arXiv 2602.07764) on MO-Gymnasium's tasks.
 
     The agent is read anew at each evaluation. There are K * seeds * sets worlds without automatic
     reset, in all processes of the group, which all get all results.
@@ -80,16 +75,15 @@ class Evaluator:
         self.tradeoffs = tradeoffs.to(env.device)
         self._seed = EVALUATION_SEEDS + seed
         self._observation = env.reset().clone()
-        shape = len(tradeoffs), len(env.objectives)
-        self._returns = torch.zeros(shape, dtype=torch.float32, device=env.device)
         self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
-        self._fallen = torch.zeros_like(self._alive)
-        self._blown_up = torch.zeros_like(self._alive)
         self._knows_blowups = True
-        self._lengths = torch.zeros(len(tradeoffs), dtype=torch.int32, device=env.device)
-        # sums of what the worlds measure, then the number of measured steps
-        size = env.measure().shape[1] + 1 if env.quantities else 0
-        self._measured = self._returns.new_zeros(len(tradeoffs), size)
+        m, size = len(env.objectives), env.measure().shape[1] + 1 if env.quantities else 0
+        # a row of results per world
+        shape = len(tradeoffs), m + size + 3
+        self._results = torch.zeros(shape, dtype=torch.float32, device=env.device)
+        self._returns = self._results[:, :m]
+        self._measured = self._results[:, m:-3]  # sums, then the number of measured steps
+        self._lengths, self._fallen, self._blown_up = self._results[:, -3:].T
         self._discounted = protocol == "discounted"
         self._weight = self._returns.new_ones(())  # of the next step's rewards
         self._horizon = min(HORIZON, env.episode_length) if self._discounted else env.episode_length
@@ -140,9 +134,7 @@ class Evaluator:
         self._alive.fill_(True)
         self.env.move_only(self._alive)
         self._weight.fill_(1.0)
-        sums = self._returns, self._measured
-        for values in (self._fallen, self._blown_up, self._lengths, *sums):
-            values.zero_()
+        self._results.zero_()
         if self.protocol == "paper":
             self._returns += self.env.paper_reset_reward()
         noun = "trade-off" if self.number == 1 else "trade-offs"
@@ -159,9 +151,8 @@ class Evaluator:
 
     def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
-        flags = (self._lengths, self._fallen, self._blown_up, self.env.overflow())
-        columns = (self._returns, self._measured, *(values[:, None] for values in flags))
-        results = torch.cat([values.double() for values in columns], 1).cpu().numpy()
+        overflow = self.env.overflow()[:, None]
+        results = torch.cat([self._results.double(), overflow.double()], 1).cpu().numpy()
         table = np.empty((self._sets * len(self._points), results.shape[1]))
         for rank, part in enumerate(self._group.gather(results)):
             table[rank :: self._group.size] = part
@@ -199,10 +190,11 @@ class Evaluator:
     def _one_step(self) -> None:
         step = self.env.step(self._actors.act(self._observation[:, None])[:, 0])
         latched = self.protocol != "paper"
-        self._fallen |= step.terminated & self._alive if latched else step.terminated
+        counted = self._alive if latched else torch.ones_like(self._alive)
+        self._fallen.logical_or_(step.terminated & counted)
         self._knows_blowups = step.blown_up is not None
         if step.blown_up is not None:
-            self._blown_up |= step.blown_up & self._alive if latched else step.blown_up
+            self._blown_up.logical_or_(step.blown_up & counted)
         if not latched:
             self._alive.copy_(~step.terminated)
         self._returns += self._weight * torch.where(self._alive[:, None], step.reward, 0.0)

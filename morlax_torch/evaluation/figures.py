@@ -10,38 +10,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
+from . import style
 from .front import Front
 from .pareto import conflicting_pairs
-from .style import (
-    INK,
-    LEGEND_LETTER,
-    RUNS,
-    Apart,
-    blank,
-    color_key,
-    colors_of,
-    distinct,
-    fit,
-    lattice,
-    legend_outside,
-    letter,
-    limits,
-    note,
-    of_objectives,
-    panels,
-    points,
-    returned,
-    shades,
-    short,
-    tint,
-    weight,
-)
 from .style import STYLES as STYLES
 from .style import pixels as pixels
 from .style import save as save
@@ -73,52 +49,57 @@ def front_figure(
     pairs = conflicting_pairs(front.returns[front.non_dominated], MOST_PAIRS)
     all_pairs = m * (m - 1) // 2
     if len(pairs) < all_pairs:
-        title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
+        title = _titled(title, f"the {len(pairs)} of {all_pairs} pairs that conflict most")
     if m == 3 and width is None:  # a plot in 3D is hard to read in print
-        figure, best = blank(10.2, 8.2, title), front.non_dominated
+        figure = style.blank(10.2, 8.2, title)
         grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1])
-        space: Any = figure.add_subplot(grid[0, :], projection="3d")
-        _space(space, front.returns[best], colors_of(front.tradeoffs[best]), names)
+        _space(figure.add_subplot(grid[0, :], projection="3d"), front, names)
         plots = [figure.add_subplot(grid[1, column]) for column in range(3)]
     else:
         plot, room = ((5.4, 4.2), 0.0) if m == 2 else ((3.4, 3.3), 0.8)
         entries = len(labels) + (1 if m == 2 else 1 + m)
-        figure, plots = panels(len(pairs), COLUMNS, plot, title, room, width, entries)
-    for axes, (x, y) in zip(plots, pairs, strict=True):
-        _pair(axes, front, x, y, size, labels)
+        figure, plots = style.panels(len(pairs), COLUMNS, plot, title, room, width, entries)
+    for axes, pair in zip(plots, pairs, strict=True):
+        _pair(axes, front, pair, size, labels)
     if m == 2:
-        colors = LinearSegmentedColormap.from_list("between", of_objectives(2)[::-1])
+        colors = LinearSegmentedColormap.from_list("between", style.of_objectives(2)[::-1])
         shade = ScalarMappable(Normalize(0, 1), colors)
-        figure.colorbar(shade, ax=plots[0], label=weight(names[0]))
+        figure.colorbar(shade, ax=plots[0], label=style.weight(names[0]))
     else:
-        color_key(plots[0], names)
-    legend_outside(figure)
+        style.color_key(plots[0], names)
+    style.legend_outside(figure)
     return figure
+
+
+def _titled(title: str, more: str) -> str:
+    return f"{title}: {more}" if title else more
 
 
 def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes, tuple[int, int]]:
     """Plot the pair of objectives that conflicts most, in inches; returns its indices too."""
-    ((x, y),) = conflicting_pairs(front.returns[front.non_dominated])
-    figure = blank(width, height, "")
+    (pair,) = conflicting_pairs(front.returns[front.non_dominated])
+    figure = style.blank(width, height, "")
     axes = figure.add_subplot()
-    _pair(axes, front, x, y, SIZE, {})
-    return figure, axes, (x, y)
+    _pair(axes, front, pair, SIZE, {})
+    return figure, axes, pair
 
 
-def _pair(axes: Axes, front: Front, x: int, y: int, size: float, labels: Mapping[int, str]) -> None:
-    best, colors = front.non_dominated, colors_of(front.tradeoffs)
-    _label(axes, front.objectives, x, y)
-    points(axes, front.returns[:, x], front.returns[:, y], best, size, colors[best])
-    fit(axes, front.returns[:, x], front.returns[:, y])
+def _pair(
+    axes: Axes, front: Front, pair: tuple[int, int], size: float, labels: Mapping[int, str]
+) -> None:
+    best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
+    x, y = front.returns[:, pair].T
+    _label(axes, front.objectives, pair)
+    style.points(axes, x, y, best, size, colors[best])
+    style.fit(axes, x, y)
     for number, (index, text) in enumerate(labels.items()):
-        letter(axes, ascii_uppercase[number % 26], text, front.returns[index, [x, y]], number)
+        style.letter(axes, ascii_uppercase[number % 26], text, front.returns[index, pair], number)
 
 
-def _label(axes: Axes, names: Sequence[str], x: int, y: int) -> None:
-    colors = of_objectives(len(names))
-    axes.set(xlabel=returned(names[x]), ylabel=returned(names[y]))
-    lattice(axes)
-    tint(axes, colors[x], colors[y])
+def _label(axes: Axes, names: Sequence[str], pair: tuple[int, int]) -> None:
+    colors = style.of_objectives(len(names))
+    style.lattice(axes, *(style.returned(names[k]) for k in pair))
+    style.tint(axes, *(colors[k] for k in pair))
 
 
 def parallel_figure(front: Front, title: str = "") -> Figure:
@@ -132,26 +113,24 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
     heights = (front.returns[shown] - low) / np.where(high > low, high - low, 1.0)
     chief = front.tradeoffs[shown].argmax(1)
     if len(shown) < best.sum():
-        title += f"{': ' if title else ''}{len(shown)} of {best.sum()} policies of the front"
-    column = max(1.6, LEGEND_LETTER * max(len(returned(name)) for name in names))
-    figure = blank(2.2 + column * len(names), 4.6, title)
+        title = _titled(title, f"{len(shown)} of {best.sum()} policies of the front")
+    column = max(1.6, style.LEGEND_LETTER * max(len(style.returned(name)) for name in names))
+    figure = style.blank(2.2 + column * len(names), 4.6, title)
     axes = figure.add_subplot()
-    colors = of_objectives(len(names))
-    for k, look in enumerate(distinct(len(names))):
-        lines = [[*enumerate(row)] for row in heights[chief == k]]
-        style: Any = {"color": colors[k], "linestyle": look["linestyle"]}
-        axes.add_collection(LineCollection(lines, lw=0.8, alpha=0.7, **style))
-        axes.plot([], [], lw=2, label=names[k], **style)
+    colors = style.of_objectives(len(names))
+    for k, look in enumerate(style.distinct(len(names))):
+        line: Any = {"color": colors[k], "linestyle": look["linestyle"]}
+        axes.plot(heights[chief == k].T, lw=0.8, alpha=0.7, **line)
+        axes.plot([], [], lw=2, label=names[k], **line)
         axes.axvline(k, color=colors[k], lw=2.5)
-        note(axes, f"{low[k]:.4g}", (k, 0), above=False)
-        note(axes, f"{high[k]:.4g}", (k, 1), above=True)
-    axes.set_xticks(range(len(names)), [returned(name) for name in names])
+        style.note(axes, f"{low[k]:.4g}", (k, 0), above=False)
+        style.note(axes, f"{high[k]:.4g}", (k, 1), above=True)
+    axes.set_xticks(range(len(names)), [style.returned(name) for name in names])
     axes.tick_params(axis="x", length=0, pad=18)
     axes.set_yticks([0, 1], ["min", "max"])
-    axes.set_ylabel("return, scaled to the range of the front")
-    axes.set_ylim(-0.02, 1.02)
+    axes.set(ylabel="return, scaled to the range of the front", ylim=(-0.02, 1.02))
     axes.spines[:].set_visible(False)
-    legend_outside(figure, "right center", title="largest weight")
+    style.legend_outside(figure, "right center", title="largest weight")
     return figure
 
 
@@ -176,52 +155,50 @@ def fronts_figure(
     Policies dominated within their own family are left out. With two objectives, a line connects
     the front, with markers on some of its points. All fronts must have the same objectives.
     """
-    first = next(iter(fronts.values()))
-    joined = len(first.objectives) == 2
-    pairs = conflicting_pairs(first.returns[first.non_dominated], MOST_PAIRS)
+    best = {name: front.returns[front.non_dominated] for name, front in fronts.items()}
+    names, joined = next(iter(fronts.values())).objectives, np.concatenate([*best.values()])
+    pairs = conflicting_pairs(next(iter(best.values())), MOST_PAIRS)
     plot, entries = (4.2, 3.9), len(fronts)
-    figure, plots = panels(len(pairs), COLUMNS, plot, title, width=width, entries=entries)
-    shown = np.concatenate([each.returns[each.non_dominated] for each in fronts.values()])
-    for axes, (x, y) in zip(plots, pairs, strict=True):
-        for (name, front), look in zip(fronts.items(), distinct(len(fronts)), strict=True):
-            returns = front.returns[front.non_dominated]
-            order = returns[:, x].argsort()
-            style: dict[str, Any] = {"lw": 0.8, "ms": 3.5, "alpha": 0.8, **look}
-            style |= {"markevery": max(1, len(order) // MARKS)} if joined else {"linestyle": "none"}
-            axes.plot(*returns[order][:, [x, y]].T, **style, label=name)
-        _label(axes, first.objectives, x, y)
-        fit(axes, shown[:, x], shown[:, y])
-    legend_outside(figure)
+    figure, plots = style.panels(len(pairs), COLUMNS, plot, title, width=width, entries=entries)
+    for axes, pair in zip(plots, pairs, strict=True):
+        for (name, returns), look in zip(best.items(), style.distinct(len(best)), strict=True):
+            line: dict[str, Any] = {"lw": 0.8, "ms": 3.5, "alpha": 0.8, **look}
+            if len(names) == 2:
+                line["markevery"] = max(1, len(returns) // MARKS)
+            else:
+                line["linestyle"] = "none"
+            ordered = returns[returns[:, pair[0]].argsort()]
+            axes.plot(*ordered[:, pair].T, **line, label=name)
+        _label(axes, names, pair)
+        style.fit(axes, *joined[:, pair].T)
+    style.legend_outside(figure)
     return figure
 
 
 def spaces_figure(front: Front, triples: Sequence[Sequence[str]], title: str = "") -> Figure:
     """Plot triples of objectives in 3D, in colors that mix those of the three by weight."""
-    figure, names = blank(6.0 * len(triples), 5.6, title), front.objectives
-    palette = of_objectives(len(names))
+    figure = style.blank(6.0 * len(triples), 5.6, title)
     for cell, triple in enumerate(triples, start=1):
-        columns = [names.index(name) for name in triple]
-        weights = front.tradeoffs[:, columns] + 1e-9
-        shades = np.array([to_rgb(palette[column]) for column in columns])
-        axes: Any = figure.add_subplot(1, len(triples), cell, projection="3d")
-        colors = weights / weights.sum(1, keepdims=True) @ shades
-        _space(axes, front.returns[:, columns], colors, triple)
-        for name, shade in zip(triple, shades, strict=True):
-            axes.scatter([], [], [], s=40, color=[shade], label=f"weight on {name}")
-    legend_outside(figure)
+        _space(figure.add_subplot(1, len(triples), cell, projection="3d"), front, triple)
+    style.color_key(figure.axes[0], front.objectives, "weight on")
+    style.legend_outside(figure)
     return figure
 
 
-def _space(axes: Any, returns: NDArray, colors: NDArray, names: Sequence[str]) -> None:
-    """Plot returns (K, 3) in colors (K, 3), without those beyond the limits of the axes."""
-    bounds = [limits(column) for column in returns.T]
+def _space(axes: Any, front: Front, names: Sequence[str]) -> None:
+    """Plot three objectives of the policies, without those beyond the limits of the axes."""
+    columns = [front.objectives.index(name) for name in names]
+    shown = front.non_dominated if len(front.objectives) == 3 else slice(None)
+    returns, weights = front.returns[shown][:, columns], front.tradeoffs[shown][:, columns] + 1e-9
+    bounds = [style.limits(column) for column in returns.T]
     low, high = np.transpose(bounds)
     kept = ((returns >= low) & (returns <= high)).all(1)
-    axes.scatter(*returns[kept].T, s=16, c=colors[kept], depthshade=False)
+    colors = style.mixed(weights[kept], columns)
+    axes.scatter(*returns[kept].T, s=16, c=colors, depthshade=False)
     axes.set(xlim=bounds[0], ylim=bounds[1], zlim=bounds[2])
     for axis, name in zip("xyz", names, strict=True):
-        getattr(axes, f"set_{axis}label")(returned(name), labelpad=10)
-        getattr(axes, f"{axis}axis").set_major_formatter(short)
+        getattr(axes, f"set_{axis}label")(style.returned(name), labelpad=10)
+        getattr(axes, f"{axis}axis").set_major_formatter(style.short)
     axes.locator_params(nbins=5)
     axes.view_init(elev=25, azim=45)
     axes.set_box_aspect((1.3, 1.3, 1), zoom=0.97)  # else the label of the z axis is cut off
@@ -244,16 +221,14 @@ def designs_figure(
     (pair,) = conflicting_pairs(returns)
     x, y = returns[:, pair].T
     line = usual[usual[:, pair[0]].argsort()][:, pair]
-    across, up = (returned(objectives[k]) for k in pair)
-    figure, plots = panels(len(parameters), COLUMNS, (3.6, 3.1), title, room=0.5)
+    figure, plots = style.panels(len(parameters), COLUMNS, (3.6, 3.1), title, room=0.5)
     for axes, values, name in zip(plots, designs.T, parameters, strict=True):
         axes.plot(*line.T, "-", color="0.6", lw=1, label="default body")
-        marks = axes.scatter(x, y, c=values, cmap=RUNS, s=SIZE)
-        fit(axes, x, y)
+        marks = axes.scatter(x, y, c=values, cmap=style.RUNS, s=SIZE)
         figure.colorbar(marks, ax=axes, label=name)
-        axes.set(xlabel=across, ylabel=up)
-        lattice(axes)
-    legend_outside(figure)
+        style.lattice(axes, *(style.returned(objectives[k]) for k in pair))
+        style.fit(axes, x, y)
+    style.legend_outside(figure)
     return figure
 
 
@@ -264,15 +239,14 @@ def quantities_figure(front: Front, title: str = "") -> Figure:
     """
     assert front.quantities is not None
     across, *others = front.quantities.T
-    figure, plots = panels(len(others), 2, (4.0, 3.3), title, room=0.8)
-    best, colors = front.non_dominated, colors_of(front.tradeoffs)
+    figure, plots = style.panels(len(others), 2, (4.0, 3.3), title, room=0.8)
+    best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     for axes, values, name in zip(plots, others, front.quantity_names[1:], strict=True):
-        points(axes, across, values, best, SIZE, colors[best])
-        fit(axes, across, values)
-        axes.set(xlabel=front.quantity_names[0], ylabel=name)
-        lattice(axes)
-    color_key(plots[0], front.objectives)
-    legend_outside(figure)
+        style.points(axes, across, values, best, SIZE, colors[best])
+        style.lattice(axes, front.quantity_names[0], name)
+        style.fit(axes, across, values)
+    style.color_key(plots[0], front.objectives)
+    style.legend_outside(figure)
     return figure
 
 
@@ -286,43 +260,41 @@ def returns_figure(front: Front, title: str = "") -> Figure:
     m, names = len(front.objectives), front.objectives
     if m == 3:
         return _maps(front, title)
-    colors, best, order = of_objectives(m), front.non_dominated, front.tradeoffs[:, 0].argsort()
+    colors, best = style.of_objectives(m), front.non_dominated
     columns, size = (1, (5.4, 2.6)) if m == 2 else (3, (3.4, 3.5))
-    figure, plots = panels(m, columns, size, title)
+    figure, plots = style.panels(m, columns, size, title)
     for k, axes in enumerate(plots):
         across = 0 if m == 2 else k
         x, y = front.tradeoffs[:, across], front.returns[:, k]
         if m == 2:
+            order = x.argsort()
             axes.plot(x[order], y[order], color="0.6", lw=0.8)
-        points(axes, x, y, best, 10, colors[k])
-        axes.set(xlabel=weight(names[across]), ylabel=returned(names[k]), ylim=limits(y[best]))
-        lattice(axes)
-        tint(axes, colors[across], colors[k])
-    legend_outside(figure)
+        style.points(axes, x, y, best, 10, colors[k])
+        style.lattice(axes, style.weight(names[across]), style.returned(names[k]))
+        style.tint(axes, colors[across], colors[k])
+        axes.set_ylim(style.limits(y[best]))
+    style.legend_outside(figure)
     return figure
 
 
 def _maps(front: Front, title: str) -> Figure:
     names = front.objectives
-    figure = blank(11.0, 4.0, title)
+    figure = style.blank(11.0, 4.0, title)
     simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
+    bar: Any = {"location": "bottom", "shrink": 0.7, "format": style.short}
     for k, axes in enumerate(figure.subplots(1, 3)):
-        colors = axes.tripcolor(
-            simplex,
-            front.returns[:, k],
-            cmap=shades(of_objectives(3)[k]),
-            shading="flat",
-            edgecolors="face",
-            lw=0.2,
-        )
+        shades = style.shades(style.of_objectives(3)[k])
+        cells: Any = {"cmap": shades, "shading": "flat", "edgecolors": "face", "lw": 0.2}
+        colors = axes.tripcolor(simplex, front.returns[:, k], **cells)
         for corner, name in enumerate(names):
-            style = {"fontweight": "bold"} if corner == k else {}
-            note(axes, f"{name} only", CORNERS[corner], above=corner == 2, **style)
+            weight = "bold" if corner == k else "normal"
+            above = corner == 2
+            style.note(axes, f"{name} only", CORNERS[corner], above, fontweight=weight)
         axes.plot(*CORNERS[[0, 1, 2, 0]].T, color="0.2", lw=0.8)
         axes.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(-0.08, 0.95))
         axes.set_axis_off()
-        style: Any = {"location": "bottom", "shrink": 0.7, "ticks": Apart(), "format": short}
-        figure.colorbar(colors, ax=axes, label=returned(names[k]), **style)
+        label = style.returned(names[k])
+        figure.colorbar(colors, ax=axes, label=label, ticks=style.Apart(), **bar)
     return figure
 
 
@@ -334,20 +306,19 @@ def hypervolume_figure(
     Several runs are thin lines, overlaid with their median and interquartile range. Each is a
     `runs.progress.History`.
     """
-    figure, plots = panels(2, 2, (4.5, 3.7), title, width=width)
+    figure, plots = style.panels(2, 2, (4.5, 3.7), title, width=width)
     for axes, (name, label) in zip(plots, SCALES, strict=True):
         curves = [(getattr(history, name), history.hypervolume) for history in histories]
-        several = len(curves) > 1
-        for k, (x, y) in enumerate(curves):
-            look: Any = {"color": "0.55", "lw": 0.7} if several else {"color": INK, "marker": "o"}
-            axes.plot(x, y, ms=3.5, **look, label="single run" if several and k == 0 else None)
-        if several:
-            steps, low, middle, high = quartile_band(curves)
-            style = {"color": INK, "alpha": 0.25, "lw": 0, "label": "interquartile range"}
-            axes.fill_between(steps, low, high, **style)
-            axes.plot(steps, middle, color=INK, lw=2, label=f"median of {len(curves)} runs")
-        axes.set_xlabel(label)
-        lattice(axes)
+        style.lattice(axes, label)
+        if len(curves) == 1:
+            axes.plot(*curves[0], color=style.INK, marker="o", ms=3.5)
+            continue
+        for k, curve in enumerate(curves):
+            axes.plot(*curve, color="0.55", lw=0.7, label="" if k else "single run")
+        steps, low, middle, high = quartile_band(curves)
+        band: Any = {"color": style.INK, "alpha": 0.25, "lw": 0, "label": "interquartile range"}
+        axes.fill_between(steps, low, high, **band)
+        axes.plot(steps, middle, color=style.INK, lw=2, label=f"median of {len(curves)} runs")
     plots[1].sharey(plots[0])
     plots[1].tick_params(labelleft=False)
     plots[0].set_ylabel("hypervolume")

@@ -131,18 +131,14 @@ class Front(NamedTuple):
         K, m = len(self.tradeoffs), len(self.objectives)
         shapes = {"tradeoffs": (K, m), "returns": (K, m), "reference_point": (m,)}
         shapes["quantities"] = K, len(self.quantity_names)
-        for name, values in self._asdict().items():
-            if name in TEXTS:
-                if len(values) > LONGEST or not values.isprintable():
-                    raise ValueError(f"{name} must be a short text")
-                continue
-            if name in NAMES or values is None:
-                continue
+        arrays = {
+            n: values for n, values in self._asdict().items() if isinstance(values, np.ndarray)
+        }
+        for name, values in arrays.items():
             shape = shapes.get(name, (K,))
-            if values.shape != shape or values.dtype.kind not in "fiu":
-                raise ValueError(f"{name} must hold numbers of shape {shape}")
-            if not np.isfinite(values).all():
-                raise ValueError(f"{name} must be finite")
+            numbers = values.shape == shape and values.dtype.kind in "fiu"
+            if not numbers or not np.isfinite(values).all():
+                raise ValueError(f"{name} must hold finite numbers of shape {shape}")
             if name not in SIGNED and (values < 0).any():
                 raise ValueError(f"{name} must not be negative")
         if K == 0 or not (self.tradeoffs.sum(1) > 0).all():

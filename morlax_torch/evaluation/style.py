@@ -1,6 +1,8 @@
 """Shared style of figures: colors that work in grayscale, axis labels, files."""
 
+import math
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..host.files import replacing
 
@@ -91,19 +93,18 @@ def panels(
 
     To print, the figure has a `width` instead, and room for the entries of a legend.
     """
-    if width is None:
-        columns = min(number, columns)
-        figure = blank(size[0] * columns, size[1] * -(-number // columns) + room, title)
-    else:
-        columns = max(1, min(number, int(width / NARROWEST)))
-        lines = -(-entries // max(1, int(width / PRINTED_ENTRY)))
-        height = PRINTED_HEIGHT * -(-number // columns) * width / columns
-        figure = blank(width, height + PRINTED_LINE * lines, title)
-    rows = -(-number // columns)
+    columns = min(number, columns if width is None else max(1, int(width / NARROWEST)))
+    if width is not None:
+        size = width / columns, PRINTED_HEIGHT * width / columns
+        room = PRINTED_LINE * math.ceil(entries / max(1, int(width / PRINTED_ENTRY)))
+    rows = math.ceil(number / columns)
+    figure = blank(width or size[0] * columns, size[1] * rows + room, title)
     return figure, [figure.add_subplot(rows, columns, cell + 1) for cell in range(number)]
 
 
-def lattice(axes: Axes) -> None:
+def lattice(axes: Axes, across: str = "", up: str = "") -> None:
+    """Label the axes and draw a grid."""
+    axes.set(xlabel=across, ylabel=up)
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
     axes.xaxis.set_major_locator(Apart())
@@ -124,29 +125,25 @@ def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color
     axes.scatter(x[best], y[best], s=size, color=color, label=NON_DOMINATED)
 
 
-def note(axes: Axes, text: str, point: Sequence[float], above: bool, **style: Any) -> None:
-    side = "bottom" if above else "top"
-    shift: Any = {"xytext": (0, 4 if above else -4), "textcoords": "offset points"}
-    axes.annotate(text, (point[0], point[1]), ha="center", va=side, **shift, **style)
+def note(
+    axes: Axes, text: str, point: ArrayLike, above: bool, right: float = 0.0, **style: Any
+) -> None:
+    """Write a text above or below a point, shifted to the right by so many points."""
+    x, y = np.asarray(point)
+    side = "left" if right > 0 else "right" if right < 0 else "center"
+    place: Any = {"ha": side, "va": "bottom" if above else "top", "textcoords": "offset points"}
+    axes.annotate(text, (x, y), xytext=(right, 4 if above else -4), **place, **style)
 
 
 def letter(axes: Axes, name: str, text: str, point: NDArray, number: int) -> None:
     """Mark a point with a letter, which the legend explains by a text, unless it lies outside."""
     axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
     shares = axes.transAxes.inverted().transform(axes.transData.transform(point))
-    if (np.abs(shares - 0.5) > 0.5).any():
-        return
     axes.scatter(*point, s=30, facecolor="none", edgecolor="black", linewidth=0.9, zorder=3)
     turn = number % 2 == 0
     right, above = (share < EDGE or (turn and share < 1 - EDGE) for share in shares)
-    style: Any = {
-        "xytext": (4 if right else -4, 4 if above else -4),
-        "textcoords": "offset points",
-        "ha": "left" if right else "right",
-        "va": "bottom" if above else "top",
-    }
     halo = [withStroke(linewidth=2, foreground="white")]
-    axes.annotate(name, (point[0], point[1]), fontweight="bold", path_effects=halo, **style)
+    note(axes, name, point, above, 4 if right else -4, fontweight="bold", path_effects=halo)
 
 
 def of_objectives(m: int) -> list[str]:
@@ -155,11 +152,10 @@ def of_objectives(m: int) -> list[str]:
 
 
 def distinct(number: int) -> list[dict[str, Any]]:
-    shades = mpl.colormaps[RUNS]([0.85 * k / max(number - 1, 1) for k in range(number)])
-    return [
-        {"color": shade, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
-        for k, shade in enumerate(shades)
-    ]
+    """Return colors, markers and lines that tell so many curves apart."""
+    colors = mpl.colormaps[RUNS](np.linspace(0, 0.85, number))
+    looks = zip(colors, cycle(MARKERS), cycle(LINES), strict=False)
+    return [{"color": color, "marker": mark, "linestyle": line} for color, mark, line in looks]
 
 
 def tint(axes: Axes, x: str, y: str) -> None:
@@ -181,15 +177,19 @@ def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
     objective with the largest weight gives its own.
     """
     m = tradeoffs.shape[1]
-    weights = tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)]
-    shares = weights / weights.sum(1, keepdims=True)
-    return shares @ [to_rgb(color) for color in of_objectives(m)]
+    return mixed(tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)], range(m))
 
 
-def color_key(axes: Axes, names: Sequence[str]) -> None:
-    most = "all" if len(names) <= MOST_MIXED else "most"
+def mixed(weights: NDArray, objectives: Sequence[int]) -> NDArray[np.float64]:
+    """Mix the colors of objectives, by index, by weights (K, m): (K, 3)."""
+    palette = [to_rgb(PALETTE[k % len(PALETTE)]) for k in objectives]
+    return weights / weights.sum(1, keepdims=True) @ palette
+
+
+def color_key(axes: Axes, names: Sequence[str], meaning: str = "") -> None:
+    meaning = meaning or f"{'all' if len(names) <= MOST_MIXED else 'most'} weight on"
     for name, color in zip(names, of_objectives(len(names)), strict=True):
-        axes.scatter([], [], s=40, color=color, label=f"{most} weight on {name}")
+        axes.scatter([], [], s=40, color=color, label=f"{meaning} {name}")
 
 
 def limits(values: NDArray) -> tuple[float, float]:

@@ -85,6 +85,7 @@ MISTAKES = {
     "no task": ((), "name a task: --env NAME, one of ant, bruce"),
     "unknown task": (("--env", "chetah"), "did you mean 'cheetah'?"),
     "unknown flag": (("--env", "ant", "--ppo.learning-rat", "1"), "--ppo.learning-rate"),
+    "unknown flag's help": (("--env", "ant", "--horizn", "1"), "train --env NAME --help-all"),
     "wrong type": (("--env", "ant", "--worlds", "many"), "many"),
     "negative": (("--env", "ant", "--ppo.learning-rate", "-1"), "ppo.learning_rate"),
     "K does not divide N": (("--env", "ant", "--worlds", "100"), "must divide worlds (100)"),

@@ -13,7 +13,7 @@ from tiny import tiny
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.commands import tune
-from morlax_torch.commands.terminal import arguments, display, live
+from morlax_torch.commands.terminal import arguments, cli, display
 from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.configuration.config import Config, config_class, flat
 from morlax_torch.configuration.sections import ALGORITHMS
@@ -116,8 +116,8 @@ def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
     for terminal in (True, False):
         output = io.StringIO()
         console = Console(file=output, force_terminal=terminal, width=80, legacy_windows=False)
-        monkeypatch.setattr(live, "console", console)
-        with live.Live(2) as lines, within("ant"):
+        monkeypatch.setattr(cli, "console", console)
+        with cli.Live(2) as lines, within("ant"):
             phase("filming", 0.25)
             lines.show("trial 3: training", row=1)
         for text in ("ant: filming 25%", "trial 3: training"):

@@ -62,7 +62,6 @@ def test_default_objectives_are_those_of_the_paper():
     ("changes", "expected"),
     [
         ({"worlds": 100}, r"must divide worlds \(100\): try --worlds 96"),
-        ({"sampling": {"clusters": 1}}, "at least 2 trade-offs"),
         ({"sampling": {"corners": 3}}, "must be 0 or 2"),
         ({"sampling": {"focus": [0.0, 0.0, 0.5]}, "max_env_steps": 9}, "at least one above zero"),
         ({"sampling": {"focus": [1.0, 0.0, 0.5]}, "max_env_steps": None}, "needs max_env_steps or"),

@@ -130,8 +130,8 @@ def test_a_damaged_training_curve_is_refused(damage, run):
 
 
 FRONTS = {
-    "a NaN": ({"returns": np.full((4, 2), NAN)}, "returns must be finite"),
-    "text": ({"lengths": np.array(["a"] * 4)}, r"lengths must hold numbers of shape \(4,\)"),
+    "a NaN": ({"returns": np.full((4, 2), NAN)}, "returns must hold finite numbers"),
+    "text": ({"lengths": np.array(["a"] * 4)}, r"lengths must hold finite numbers of shape \(4,\)"),
     "no trade-off": ({"tradeoffs": np.zeros((4, 2))}, "a weight above zero"),
     "markup": ({"objectives": np.array(["run", "<b>"])}, "name of an objective"),
 }

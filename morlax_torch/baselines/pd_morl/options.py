@@ -1,21 +1,16 @@
 """Options of PD-MORL."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from pydantic import Field
 
-from ...configuration.sections import SPARSE, OffPolicyOptions, check_multiple
+from ...configuration.sections import OffPolicyOptions, check_multiple
 from ...envs.worlds.options import Count
 
 
 class PDMORLOptions(OffPolicyOptions):
     """Options of PD-MORL; its constants are those of the paper."""
 
-    required: ClassVar[dict[str, Any]] = {
-        "network.type": "conditioned",
-        "ppo.critic": "vector",
-        **SPARSE,
-    }
     warms_up: ClassVar[bool] = True
     learning_rate: ClassVar[float] = 3e-4
     discount: ClassVar[float] = 0.995

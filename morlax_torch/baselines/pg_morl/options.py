@@ -2,17 +2,12 @@
 
 from typing import Any, ClassVar
 
-from ...configuration.sections import SPARSE, MethodOptions
+from ...configuration.sections import MethodOptions
 
 
 class PGMORLOptions(MethodOptions):
     """PG-MORL has no options, but constants."""
 
-    required: ClassVar[dict[str, Any]] = {
-        "network.type": "independent",
-        "ppo.optimizer": "separate",
-        **SPARSE,
-    }
     weighted_sums: ClassVar[bool] = True
     generation: ClassVar[int | None] = None
     # iterations between two selections of what to train (None: at least 20, and so many that

@@ -2,12 +2,11 @@
 
 import math
 import re
-import shlex
 import shutil
 import sys
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, get_origin
 
 import tyro
@@ -17,17 +16,18 @@ from tyro import constructors
 
 from ... import envs
 from ...configuration.config import DRAFT, MAY_CHANGE, Config, differences, load_config
-from ...configuration.files import algorithm_of, file_values, read_yaml, task_values
+from ...configuration.files import file_values, read_yaml, task_values
 from ...envs import MorlaxError
 from ...envs.errors import explained
 from ...envs.naming import absolute, is_file
 from ...envs.worlds.options import Section
 from ...host.torchrun import FIRST, MAY_RESTART, launch
-from .cli import console
-from .process import program
+from .cli import Live, console
+from .process import interruptible, program, typed
 
 if TYPE_CHECKING:
     from ...runs.run import Run
+    from ...viewers.explorer.exhibits import Exhibit
 
 HELP_ALL = "--help-all"
 USUAL = "cheetah"  # the task whose options --help-all lists if the command line names none
@@ -62,9 +62,8 @@ class OfRun(Trusting):
 
     def use(self, command: str, more: str = "") -> str:
         """Return the command line that uses the run."""
-        trust = " --trust" if self.trust else ""
-        moved = "" if self.env is None else f" --env {shlex.quote(self.env)}"
-        return f"{program(command)} {shlex.quote(self.run)}{trust}{moved}{more}"
+        moved = [] if self.env is None else ["--env", self.env]
+        return typed(command, self.run, *["--trust"] * self.trust, *moved) + more
 
 
 class OfRuns(Trusting):
@@ -87,6 +86,17 @@ class Served(Section):
     """Address to listen on; 0.0.0.0 accepts connections from the whole network."""
     port: Annotated[int, arg(metavar="NUMBER")] = 8080
     """TCP port to listen on, or the next free one; 0 selects any."""
+
+    def serve(self, make: "Callable[[Any], Exhibit]", until: str = "to stop") -> None:
+        """Serve the page of an exhibit until Ctrl-C."""
+        from ...viewers.explorer.page import Page
+
+        with interruptible() as ended:
+            with Live():
+                page = Page(make, self.host, self.port)
+            console.print(f"open {page.address}  (Ctrl-C {until})", soft_wrap=True)
+            page.serve(ended)
+            page.stop()
 
 
 class Limits(Section):
@@ -132,11 +142,9 @@ def _number(text: str, sign: str, example: str, problem: str) -> tuple[str, floa
 
 @_registry.struct_rule
 def _plain_values(info: constructors.StructTypeInfo) -> constructors.StructConstructorSpec | None:
-    """Make tyro read a pydantic model as plain values, which are then checked together.
-
-    tyro's own rule checks each section by itself, so that an error does not say where its value
-    stands, and searches the source code of models for comments, which takes 0.2 s.
-    """
+    """Make tyro read a pydantic model as plain values, which are then checked together."""
+    # tyro's own rule checks each section by itself, so that an error does not say where its value
+    # stands, and searches the source code of models for comments, which takes 0.2 s
     if not (isinstance(info.type, type) and issubclass(info.type, BaseModel)):
         return None
     fields = []
@@ -162,15 +170,15 @@ def text_of(model: type[BaseModel], option: str) -> str:
 
 def parse(command: type[C], arguments: Sequence[str]) -> C:
     """Read the options of a command, whose class has its name, and whose docstring is its help."""
-    values = tyro.cli(
-        command,
-        prog=program(command.__name__.lower()),
-        args=arguments,
-        description=_paragraphs(command.__doc__ or ""),
-        registry=_registry,
-        config=(tyro.conf.FlagCreatePairsOff,),
-    )
-    return _checked(command, values)
+    text, config = _paragraphs(command.__doc__ or ""), (tyro.conf.FlagCreatePairsOff,)
+    return _checked(command, _typed(command, command, arguments, description=text, config=config))
+
+
+def _typed(
+    command: type[BaseModel], options: type[BaseModel], arguments: Sequence[str], **settings: Any
+) -> Any:
+    prog = program(command.__name__.lower())
+    return tyro.cli(options, prog=prog, args=arguments, registry=_registry, **settings)
 
 
 def _checked(model: type[C], values: Any) -> C:
@@ -182,14 +190,9 @@ def _checked(model: type[C], values: Any) -> C:
 
 def _paragraphs(text: str) -> str:
     """Return paragraphs that fit the terminal, indented, because tyro would join other lines."""
-    return "\n\n".join(_filled(part, "  ", "  ") for part in text.split("\n\n"))
-
-
-def _filled(text: str, first: str, others: str) -> str:
-    """Return text in lines that fit the terminal, after indents of the first line and of others."""
-    width, words = shutil.get_terminal_size().columns, " ".join(text.split())
-    wrapper = textwrap.TextWrapper(width, first, others, break_on_hyphens=False)
-    return wrapper.fill(words)
+    width, parts = shutil.get_terminal_size().columns, text.split("\n\n")
+    wrapper = TextWrapper(width, "  ", "  ", break_on_hyphens=False)
+    return "\n\n".join(wrapper.fill(" ".join(part.split())) for part in parts)
 
 
 # Commands that train
@@ -242,31 +245,31 @@ def begin(command: type[S], arguments: Sequence[str]) -> tuple[S, list[str]]:
     if {"-h", "--help"} & set(arguments):
         print_help(command)
         sys.exit(0)
-    values, others = tyro.cli(
-        command,
-        prog=program(command.__name__.lower()),
-        args=arguments,
-        default=command(),
-        registry=_registry,
-        add_help=False,
-        return_unknown_args=True,
-    )
+    settings: Any = {"default": command(), "add_help": False, "return_unknown_args": True}
+    values, others = _typed(command, command, arguments, **settings)
     return _checked(command, values), others
 
 
 def print_help(command: type[Start]) -> None:
     """Print the options that a command's help shows, under their headings, and examples."""
-    typed = program(command.__name__.lower())
-    lines = [f"usage: {typed} [OPTIONS]", "", _paragraphs(command.__doc__ or "")]
+    from rich.table import Column, Table  # takes a while to import
+
+    start = program(command.__name__.lower())
+    console.print(f"usage: {start} [OPTIONS]\n\n{_paragraphs(command.__doc__ or '')}")
     for heading, names in command.shown.items():
-        lines += ["", f"{heading}:", *(_help_line(command, name) for name in names)]
-    lines += ["", "Examples:", *(f"  {typed} {example}" for example in command.examples), ""]
-    lines += [_filled(f"Tasks: {', '.join(envs.names())}.", "", "  "), ""]
-    lines += ["All options, and the defaults of a task:", f"  {typed} --env NAME {HELP_ALL}"]
-    print("\n".join(lines))
+        table = Table.grid(Column(min_width=30, no_wrap=True), "")
+        for name in names:
+            table.add_row(*_help_row(command, name))
+        console.print(f"\n{heading}:", table, sep="\n")
+    console.print("\nExamples:")
+    for example in command.examples:
+        console.print(f"  {start} {example}")
+    console.print(f"\nTasks: {', '.join(envs.names())}.", soft_wrap=False)
+    console.print(f"\nAll options, and the defaults of a task:\n  {start} --env NAME {HELP_ALL}")
 
 
-def _help_line(command: type[Start], name: str) -> str:
+def _help_row(command: type[Start], name: str) -> tuple[str, str]:
+    """Return an option with the kind of its value, and the first sentence of its text."""
     model: Any = command if name in command.model_fields else Config
     *sections, option = name.split(".")
     for section in sections:
@@ -276,7 +279,7 @@ def _help_line(command: type[Start], name: str) -> str:
     label = f"  --{name.replace('_', '-')} {value}" + " ..." * (get_origin(kind) is tuple)
     text = text_of(model, option) or text_of(Config, option)
     first, *_ = re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)
-    return _filled(first, f"{label:<30} ", " " * 31)
+    return label, first
 
 
 def _types(kind: Any) -> list[Any]:
@@ -286,20 +289,20 @@ def _types(kind: Any) -> list[Any]:
 
 def _base_values(start: Start) -> dict[str, Any]:
     """Return the values of the file or task that a command line names."""
-    named = start.model_dump(include={"algorithm", "device"}, exclude_none=True)
-    if start.config is None:
-        if start.env is None:
-            names = ", ".join(envs.names())
-            raise MorlaxError(f"name a task: --env NAME, one of {names}, or FILE.py:CLASS.")
+    if start.env is not None:
         envs.get(start.env)  # an unknown name is told before torch is imported
-        device_type = envs.resolve_device(start.device).type
-        return {**task_values(start.env, device_type, algorithm_of(named)), **named}
+    elif start.config is None:
+        names = ", ".join(envs.names())
+        raise MorlaxError(f"name a task: --env NAME, one of {names}, or FILE.py:CLASS.")
     device_type = envs.resolve_device(start.device).type
-    values = file_values(start.config, device_type, start.env, start.algorithm)
-    env = read_yaml(start.config).get("env")
-    if start.env and isinstance(env, str) and absolute(env) != absolute(start.env):
-        console.print(f"{start.config} is for {env}: its values are used for {start.env}")
-    return {**values, **named}
+    if start.config is None:
+        values = task_values(str(start.env), device_type, start.algorithm or "morlax")
+    else:
+        values = file_values(start.config, device_type, start.env, start.algorithm)
+        env = read_yaml(start.config).get("env")
+        if start.env and isinstance(env, str) and absolute(env) != absolute(start.env):
+            console.print(f"{start.config} is for {env}: its values are used for {start.env}")
+    return values | start.model_dump(include={"device"}, exclude_none=True)
 
 
 def values_over(start: Start, others: Sequence[str], base: Config | None = None) -> dict[str, Any]:
@@ -308,16 +311,17 @@ def values_over(start: Start, others: Sequence[str], base: Config | None = None)
     It is that of the file or task that the command line names, unless `base` is another one.
     """
     base = base or load_config(_base_values(start), DRAFT)  # which the options may repair
-    about = f"All options of a config, with the defaults of --env {base.env}, from configs/."
-    values: Any = tyro.cli(
-        type(base),
-        prog=program(type(start).__name__.lower()),
-        args=["--help" if option == HELP_ALL else option for option in others],
-        default=base,
-        description=_paragraphs(about),
-        registry=_registry,
-    )
-    return values
+    text = f"All options of a config, with the defaults of --env {base.env}, from configs/."
+    words = ["--help" if word == HELP_ALL else word for word in others]
+    helps = HELP_ALL in others
+    settings: Any = {"default": base, "description": text, "add_help": helps}
+    try:
+        return _typed(type(start), type(base), words, **settings)
+    except SystemExit:
+        if not helps:
+            name = type(start).__name__.lower()
+            print(f"All options: {program(name)} --env NAME {HELP_ALL}", file=sys.stderr)
+        raise
 
 
 def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
@@ -344,10 +348,8 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
     config = placed(values_over(start, others))
     if MAY_RESTART and start.output is None:
         raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
-    if MAY_RESTART and start.output and _was_begun(start.output):
-        from ...runs.run import Run
-
-        return config, Run.open(start.output), None
+    if MAY_RESTART and start.output and (start.output / "config.yaml").is_file():
+        return config, _restarted(start.output), None
     return config, None, start.output
 
 
@@ -376,14 +378,12 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
     return config, run
 
 
-def _was_begun(output: Path) -> bool:
-    """Return whether this launch of `torchrun` began the run; raise MorlaxError if another did."""
-    if not (output / "config.yaml").is_file():
-        return False
-    if FIRST:  # which ends the others
-        from ...runs import checkpoint
-        from ...runs.run import taken
+def _restarted(output: Path) -> "Run":
+    """Open the run that this launch of `torchrun` began; raise MorlaxError if another did."""
+    from ...runs import checkpoint
+    from ...runs.run import Run, taken
 
-        if checkpoint.load(output / "checkpoints" / "latest.pt").progress.launch != launch():
-            raise taken(output)
-    return True
+    latest = output / "checkpoints" / "latest.pt"
+    if FIRST and checkpoint.load(latest).progress.launch != launch():  # which ends the others
+        raise taken(output)
+    return Run.open(output)

@@ -1,6 +1,5 @@
-"""Console, and what happens to a command's errors."""
+"""Console, live progress of a command, and what happens to its errors."""
 
-import errno
 import gc
 import os
 import sys
@@ -9,13 +8,15 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
-from typing import NoReturn
+from contextlib import ExitStack, nullcontext
+from typing import NoReturn, Self
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ...envs import MorlaxError
 from ...envs.errors import MorlaxWarning, words
+from ...host.phases import heard_by
 from ...host.resources import shortage_of_memory
 from ...host.torchrun import FIRST, SEVERAL
 from ...host.version import __version__
@@ -23,13 +24,14 @@ from .process import INTERRUPTED, exiting_on_signals, exiting_when_stuck
 
 GRACE = 2.0  # seconds
 ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
+LONGEST_SILENCE = 30.0  # seconds without a line on a file or pipe
 
 
 def _console(quiet: bool = False, stderr: bool = False) -> Console:
     """Return a console that breaks lines between words, and only on a terminal."""
-    made = Console(markup=False, highlight=False, emoji=False, quiet=quiet, stderr=stderr)
-    made.soft_wrap = not made.is_terminal
-    return made
+    terminal = Console(markup=False, highlight=False, emoji=False, quiet=quiet, stderr=stderr)
+    terminal.soft_wrap = not terminal.is_terminal
+    return terminal
 
 
 console = _console(quiet=not FIRST)
@@ -40,6 +42,56 @@ def print_command(why: str, command: str) -> None:
     console.print(f"{why}: {command}", soft_wrap=True)
 
 
+class Live:
+    """Shows the phases of the work inside; on a file or pipe, after each LONGEST_SILENCE.
+
+    Of the `rows` of moving lines, the first one shows the phases of this process.
+    """
+
+    def __init__(self, rows: int = 1):
+        text = TextColumn("{task.description}", markup=False)
+        self._moving = Progress(
+            *(BarColumn(bar_width=8), text, TimeElapsedColumn()),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        for _ in range(rows):
+            self._moving.add_task("starting", total=None)
+        self._told, self._over, self._open = threading.Event(), threading.Event(), ExitStack()
+
+    def describe(self, name: str, share: float | None) -> str:
+        return name if share is None else f"{name} {share:.0%}"
+
+    def __enter__(self) -> Self:
+        self._open.enter_context(heard_by(self.show))
+        self._open.enter_context(self._moving)
+        if not console.is_terminal:
+            threading.Thread(target=self._tell, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+        self._over.set()
+        self.told()
+
+    def _tell(self) -> None:
+        while not self._over.is_set():
+            if not self._told.wait(LONGEST_SILENCE):
+                for task in self._moving.tasks:
+                    console.print(f"   {task.description}")
+            self._told.clear()
+
+    def show(self, name: str, share: float | None = None, row: int = 0) -> None:
+        task = self._moving.tasks[row]
+        task.description, task.completed = self.describe(name, share), share or 0.0
+        task.total = None if share is None else 1.0
+
+    def told(self) -> None:
+        """Note that a line has been printed."""
+        self._told.set()
+
+
 def run(main: Callable[[Sequence[str]], None]) -> None:
     """Run a command; a user's mistake prints one sentence and exits with status 2."""
     _prepare()
@@ -48,8 +100,6 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if "--version" in arguments:
             print(f"morlax_torch {__version__}")
             return
-        if any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
-            raise MorlaxError("an argument is not valid UTF-8.")
         with exiting_on_signals(), exiting_when_stuck() if SEVERAL else nullcontext():
             main(arguments)
         torch = sys.modules.get("torch")
@@ -69,9 +119,6 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     except BrokenPipeError:  # the reader closed the pipe, as `head` does
         _silence_output()
     except OSError as error:
-        if error.filename is None and error.errno == errno.ENOSPC:
-            _silence_output()
-            fail("cannot print: no space left on the device that the output goes to.")
         named = (argument.rpartition("=")[2] for argument in arguments)
         if not any(name and str(error.filename).startswith(name) for name in named):
             raise  # of code that is not ours, such as a user's robot
@@ -87,8 +134,8 @@ def _prepare() -> None:
     gc.set_threshold(100_000)  # looking for cycles takes a third of importing torch
     # On a busy machine, threads that wait for each other hold cores that others need. GNU's OpenMP,
     # which torch has on Linux, reads this when torch is imported.
-    told = {"OMP_WAIT_POLICY", "OMP_NUM_THREADS", "GOMP_SPINCOUNT"} & os.environ.keys()
-    if not told and hasattr(os, "getloadavg") and os.getloadavg()[0] >= 1:
+    set_by_user = {"OMP_WAIT_POLICY", "OMP_NUM_THREADS", "GOMP_SPINCOUNT"} & os.environ.keys()
+    if not set_by_user and hasattr(os, "getloadavg") and os.getloadavg()[0] >= 1:
         os.environ["GOMP_SPINCOUNT"] = str(ACTIVE_WAITS)
     formatted = warnings.formatwarning
     warnings.formatwarning = lambda message, category, *others: (

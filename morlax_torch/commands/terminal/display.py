@@ -1,6 +1,5 @@
 """Live progress in the terminal."""
 
-import shlex
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -13,9 +12,8 @@ from ...reports.verdict import unreached
 from ...runs.progress import Evaluation, Progress
 from ...runs.references import NAMES_CODE
 from ...runs.training import TRAINING
-from .cli import console, print_command
-from .live import Live
-from .process import program
+from .cli import Live, console, print_command
+from .process import typed
 
 SLOW = 1000.0  # steps/s; hyper-sac learns from 500 on one CPU core
 
@@ -117,10 +115,10 @@ class Display(Live):
         )
         if self._unreached and not progress.best_hypervolume:
             console.print(f"{self._unreached}.")
-        more = "train --resume" if interrupted else "evaluate"
-        folder, config = shlex.quote(str(self._folder)), self._learner.config
-        trust = " --trust" * any(runs_code(getattr(config, name)) for name in NAMES_CODE)
-        print_command("next", f"{program(more)} {folder}{trust}")
+        config = self._learner.config
+        trusted = any(runs_code(getattr(config, name)) for name in NAMES_CODE)
+        more = ("train", "--resume") if interrupted else ("evaluate",)
+        print_command("next", typed(*more, self._folder, *["--trust"] * trusted))
 
     def describe(self, name: str, share: float | None) -> str:
         """Say how far training is, how fast, and how long it will still take."""

@@ -1,6 +1,7 @@
 """The process of a command: how it was started, when, and the signals that end it."""
 
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -34,6 +35,11 @@ def is_command() -> bool:
 def program(name: str) -> str:
     """Return how to start the command `name`: through `python -m` if this one was started so."""
     return f"python -m morlax_torch {name}" if _is_module() else f"morlax {name}"
+
+
+def typed(command: str, *words: object) -> str:
+    """Return a command line to copy, its words quoted where a shell needs it."""
+    return f"{program(command)} {shlex.join(map(str, words))}"
 
 
 def end_at_once_on_ctrl_c() -> None:
