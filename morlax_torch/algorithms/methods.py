@@ -52,7 +52,7 @@ class AMOR(Trainer):
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
-        self._process_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
+        self._process_state |= {"tradeoffs": [self.tradeoffs], "ended": [self._ended]}
 
     def iterate(self, done: float = 0.0) -> None:
         super().iterate(done)
@@ -129,6 +129,5 @@ class HyperMORL(Trainer):
             weight, bias = list(actor.split(actor.bias.detach()).values())[-2:]
             weight[self.env.action_size :] = 0.0
             bias[self.env.action_size :] = spread_of(self.config.network.initial_std)
-        for optimizer, rate in zip(self.ppo.optimizers, self.ppo.rates, strict=False):
-            optimizer.forget()
-            optimizer.rate.fill_(rate)
+        for optimizer in self.ppo.optimizers:
+            optimizer.restart()

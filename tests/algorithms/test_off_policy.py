@@ -152,7 +152,7 @@ def test_policies_maximize_weighted_returns_in_the_task_s_units(monkeypatch):
     for optimizer in learner.optimizers:
         optimizer.rate.zero_()
     learner._improve()
-    policy_loss, _, entropy, _ = learner._sums
+    policy_loss, _, entropy, _ = learner._losses
     gain = -policy_loss + learner.log_temperature.exp() * -entropy
     weights, units = learner._drawn, torch.tensor([1.0, 100.0])
     assert_close(gain, ((weights @ returns) / (weights @ units)).mean(), rtol=1e-4, atol=0)

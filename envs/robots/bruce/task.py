@@ -17,8 +17,17 @@ from ...worlds.episodes import Starts
 from ...worlds.mujoco_robot import Part
 from ...worlds.options import Count, Objectives, TaskOptions
 from . import model as bruce
-from .beginnings import FASTEST, TaskState, drawn_commands, states
-from .reference import BASE, JOINTS, Anchor, Library, Reference
+from .reference import (
+    BASE,
+    FASTEST,
+    JOINTS,
+    Anchor,
+    Library,
+    Reference,
+    TaskState,
+    drawn_commands,
+    states,
+)
 from .rotations import PairSums
 
 SEEN = 5  # values of each history in the observation

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...algorithms.base import copies, make_agent, restore
+from ...algorithms.learner import copies, make_agent, restore
 from ...algorithms.trainer import Trainer
 from ...configuration.config import Config
 from ...configuration.tradeoffs import even_tradeoffs
@@ -21,9 +21,8 @@ from ...networks.agent import Agent
 from ...networks.generated import Independent
 from .agent import belongings
 from .options import PGMORLOptions
-from .population import candidate_weights, directions, pareto_archive, performance_buffer
+from .population import candidate_weights, directions, pareto_archive, performance_buffer, select
 from .prediction import predict
-from .selection import select
 
 REMEMBERED = 4096  # generations of a policy that predictions rest on
 MEASURING = 1  # seed of the episodes that policies are measured in; 0 is that of evaluations
@@ -63,7 +62,7 @@ class PGMORL(Trainer):
         self._snapshots = [*belongings(self._measured), *moments]
         capacity = config.num_networks
         double = partial(torch.zeros, dtype=torch.float64)
-        self._state: dict[str, Tensor] = {
+        self._records: dict[str, Tensor] = {
             "returns": double(capacity, m),
             "weights": double(capacity, m),  # that members were last trained with
             # candidates that members have been trained with since
@@ -82,7 +81,7 @@ class PGMORL(Trainer):
     def iterate(self, done: float = 0.0) -> None:
         if self.iteration == 0:
             self._keep_snapshot(0)
-            self._state["start"].copy_(self._measure()[-len(self.tradeoffs) :])
+            self._records["start"].copy_(self._measure()[-len(self.tradeoffs) :])
         super().iterate(done)
         left = -self.iteration % self.generation  # iterations until the generation ends
         if left % self._spacing == 0:
@@ -102,21 +101,23 @@ class PGMORL(Trainer):
         return self.group.first(torch.from_numpy(self._evaluator.evaluate().returns))
 
     def _end_generation(self) -> None:
-        state, weights = self._state, self.tradeoffs.double().cpu()
+        records, weights = self._records, self.tradeoffs.double().cpu()
         returns, K = self._measure(), len(weights)
         last = returns[-K:]
         rows = (self._stretches + torch.arange(K)) % REMEMBERED
-        state["history"][rows] = torch.stack([state["start"], weights, last - state["start"]], 1)
+        records["history"][rows] = torch.stack(
+            [records["start"], weights, last - records["start"]], 1
+        )
         self._stretches += K
         self._join_archive(returns)
         self._join_population(returns, weights.repeat(len(returns) // K, 1))
-        state["start"].copy_(last)
+        records["start"].copy_(last)
         if self.iteration >= self.options.warmup and self._size:
             self._choose()
 
     def _join_archive(self, returns: Tensor) -> None:
         """Let the snapshots join the archive, which is the agent that is evaluated."""
-        archived, before = self._state["archived"], self._archived
+        archived, before = self._records["archived"], self._archived
         joined = torch.cat([archived[:before], returns])
         kept = pareto_archive(joined.numpy(), len(archived))
         archive = belongings(self.agent)
@@ -131,7 +132,7 @@ class PGMORL(Trainer):
 
     def _join_population(self, returns: Tensor, weights: Tensor) -> None:
         """Let the snapshots join the population, and keep the best of it."""
-        stores = [self._state[name] for name in ("returns", "weights", "tried")]
+        stores = [self._records[name] for name in ("returns", "weights", "tried")]
         joined = torch.cat([stores[0][: self._size], returns])
         point = self._evaluator.reference_point
         kept = performance_buffer(joined.numpy(), point, self._directions, self.options.bin_size)
@@ -142,12 +143,14 @@ class PGMORL(Trainer):
 
     def _choose(self) -> None:
         """Choose what the next generation trains."""
-        state, size = self._state, self._size
-        history = state["history"][: min(self._stretches, REMEMBERED)].numpy()
+        records, size = self._records, self._size
+        history = records["history"][: min(self._stretches, REMEMBERED)].numpy()
         before, weights, change = history.transpose(1, 0, 2)
-        returns = state["returns"][:size].numpy()
-        around, valid = candidate_weights(state["weights"][:size].numpy(), self.options.candidates)
-        valid &= ~state["tried"][:size].numpy()
+        returns = records["returns"][:size].numpy()
+        around, valid = candidate_weights(
+            records["weights"][:size].numpy(), self.options.candidates
+        )
+        valid &= ~records["tried"][:size].numpy()
         if not valid.any():
             return
         predicted = predict(before, weights, change, returns, around)
@@ -162,10 +165,10 @@ class PGMORL(Trainer):
         pairs = np.argwhere(valid)[np.resize(chosen, len(self.tradeoffs))]
         # hosts whose processors round differently may choose differently
         members, candidates = self.group.first(pairs).T
-        state["tried"][members, candidates] = True
+        records["tried"][members, candidates] = True
         picked = torch.from_numpy(members)
         self.tradeoffs.copy_(torch.from_numpy(around[members, candidates]))
-        state["start"].copy_(state["returns"][picked])
+        records["start"].copy_(records["returns"][picked])
         for values, stored in zip(self._belongings(), self._members, strict=True):
             values.copy_(stored[picked.to(stored.device)])
 
@@ -181,7 +184,7 @@ class PGMORL(Trainer):
     def state_dict(self) -> dict[str, Any]:
         state = super().state_dict()
         population = {
-            **{name: value.clone() for name, value in self._state.items()},
+            **{name: value.clone() for name, value in self._records.items()},
             "size": self._size,
             "archive_size": self._archived,
             "stretches": self._stretches,
@@ -197,7 +200,7 @@ class PGMORL(Trainer):
         stored = state["population"]
         super().load_state_dict({**state, "agent": stored["trained"]})
         self.agent.load_state_dict(state["agent"])
-        restore([*self._state.values()], [stored[name] for name in self._state])
+        restore([*self._records.values()], [stored[name] for name in self._records])
         restore(self._members, stored["members"])
         restore(self._snapshots, stored["snapshots"])
         self.tradeoffs.copy_(stored["tradeoffs"])
