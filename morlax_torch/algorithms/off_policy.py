@@ -13,7 +13,7 @@ from ..envs import MorlaxError, Worlds
 from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
 from ..host.resources import memory_of, one_thread
-from .learner import Learner, copies, make_agent, restore
+from .learner import Learner, make_agent
 from .rollout import Explore, Rollout, collect
 
 MOST = 0.5  # share of the memory that a replay may take
@@ -158,7 +158,8 @@ class OffPolicy(Learner):
         self.targets = [copy.deepcopy(family).requires_grad_(False) for family in families]
         capacity = max(options.replay_size // env.num_worlds, config.horizon)
         self.replay = Replay(capacity, config.num_clusters, env)
-        self._keeps_replay = env.resumable and env.device.type == "cpu"  # in checkpoints
+        if env.resumable and env.device.type == "cpu":
+            self._process_state["replay"] = self.replay.state()
         self._held = 0  # environment steps stored since the replay was empty
         self._start, self._rounds = options.start, options.rounds
         self._losses = self.tradeoffs.new_zeros(len(self.losses))
@@ -173,10 +174,6 @@ class OffPolicy(Learner):
     @abstractmethod
     def _improve(self) -> None:
         """Learn from a minibatch, or a few, and add to `_losses`."""
-
-    @property
-    def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, *(["replay"] if self._keeps_replay else [])
 
     def _record(self) -> None:
         self._explore(1)  # so that there is something to learn from
@@ -223,14 +220,12 @@ class OffPolicy(Learner):
         torch._foreach_lerp_(self._state["target"], sources, rate)
 
     def state_dict(self) -> dict[str, Any]:
-        replay = {"replay": copies(self.replay.state())} if self._keeps_replay else {}
-        return {**super().state_dict(), **replay, "held": self._held}
+        return {**super().state_dict(), "held": self._held}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
+        replay = self._process_state.get("replay", [])
+        if not replay or "replay" not in state:
+            self.replay.clear()
+            state = {**state, "held": 0, "replay": replay}
         super().load_state_dict(state)
         self._held = state["held"]
-        if self._keeps_replay and "replay" in state:
-            restore(self.replay.state(), state["replay"])
-        else:
-            self.replay.clear()
-            self._held = 0

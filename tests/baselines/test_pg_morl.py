@@ -306,7 +306,7 @@ def test_the_whole_archive_returns_what_was_stored_at_three_times_of_a_run(proto
         for _ in range(4):
             learner.iterate()
         state = learner.state_dict()["population"]
-        stored = state["archived"][: state["archive_size"]].numpy()
+        stored = state["returns"][0].numpy()
         assert simulated_again(learner, len(stored)) == pytest.approx(stored, rel=1e-3)
         front = evaluator.evaluate()
         best = stored[(front.tradeoffs @ stored.T).argmax(1)]
@@ -317,12 +317,12 @@ def test_the_whole_archive_returns_what_was_stored_at_three_times_of_a_run(proto
 
 def test_policies_that_return_to_training_are_what_was_stored():
     learner = made(tiny(), 12)
-    start = learner.state_dict()["population"]["start"]
+    start = learner.state_dict()["population"]["returns"][1]
     learner._keep_snapshot(0)
     assert learner._measure()[-4:].numpy() == pytest.approx(start.numpy(), rel=1e-3)
     counts = learner.trained.observation_normalizer.count.flatten()
     assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
-    means = learner.agent.observation_normalizer.mean[: learner._archived]
+    means = learner.agent.observation_normalizer.mean[: len(learner._archived)]
     assert len(means.unique(dim=0)) > 1
 
 
@@ -331,7 +331,7 @@ def test_policies_that_return_to_training_are_what_was_stored():
 def test_exported_policies_have_their_own_statistics(format, tmp_path):
     config = tiny()
     learner = made(config, 4)
-    size = learner._archived
+    size = len(learner._archived)
     means = learner.agent.observation_normalizer.mean[:size]
     with torch.no_grad():  # as different as after a long training
         means += torch.arange(float(size))[:, None, None]
