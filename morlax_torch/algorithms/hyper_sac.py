@@ -10,7 +10,7 @@ from ..configuration.config import Config
 from ..configuration.sections import HyperSACOptions
 from ..envs import Worlds
 from ..gpu.optimizer import ClippedAdam
-from ..networks.gaussian import TanhNormal, sample
+from ..networks.gaussian import TanhNormal
 from ..networks.mlp import smaller
 from .off_policy import OffPolicy, Transitions
 from .rollout import Explore, Rollout
@@ -115,8 +115,9 @@ class HyperSAC(OffPolicy):
         actors, critics = agent.policies(self._drawn), agent.critic(self._drawn)
 
         def acted(output: Tensor) -> tuple[Tensor, Tensor]:
-            action, log_prob = sample(output, TanhNormal(output).noise(self.generator))
-            return action.tanh(), log_prob[..., None]
+            policy = TanhNormal(output)
+            action = policy.mean + policy.std * policy.noise(self.generator)
+            return action.tanh(), policy.log_prob(action)[..., None]
 
         with torch.no_grad():
             action, log_prob = acted(actors(following).output)

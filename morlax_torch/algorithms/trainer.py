@@ -97,7 +97,7 @@ class Trainer(Learner):
         self._state["optimizers"] = self.ppo.state()
         self._state["scalarization"] = self.scalarization.state()
 
-    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+    def _draw(self) -> None:
         """Draw the trade-offs (K, m) of an iteration, in place, or keep them. Runs in a graph."""
 
     @property
@@ -108,7 +108,7 @@ class Trainer(Learner):
         return torch.cat([self.tradeoffs, self.designs.context], -1)
 
     def _explore(self, steps: int | None = None) -> None:
-        self._draw(self.tradeoffs, self.generator)
+        self._draw()
         with torch.no_grad(), one_thread(self.env.device):
             if self.designs:
                 fresh = self.designs.draw(self.config.horizon, self.generator)
