@@ -12,7 +12,7 @@ from itertools import pairwise
 import tyro
 
 from morlax_torch import envs
-from morlax_torch.algorithms.base import make_agent
+from morlax_torch.algorithms.learner import make_agent
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import load_config

@@ -14,7 +14,7 @@ from evox.algorithms import NSGA2 as Evolution
 from torch import Tensor
 
 from morlax_torch import envs
-from morlax_torch.algorithms.base import make_agent
+from morlax_torch.algorithms.learner import make_agent
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.envs import Worlds

@@ -59,9 +59,8 @@ class DesignedCheetah(Cheetah3):
         rise = []
         for leg, depths in cls.depths.items():
             links = [f"{leg[0]}{part}" for part in ("thigh", "shin", "foot")]
-            usual = [own for name, own in cls.designs.items() if name.startswith(leg)]
-            lengths = [length for name, length in design.items() if name.startswith(leg)]
-            factors = [length / own.default for length, own in zip(lengths, usual, strict=True)]
+            names = [name for name in cls.designs if name.startswith(leg)]
+            factors = [design[name] / cls.designs[name].default for name in names]
             for link, child, factor in zip(links, [*links[1:], None], factors, strict=True):
                 _scale(spec, link, child, factor)
             rise.append(np.dot(depths, factors) - sum(depths))
@@ -79,7 +78,7 @@ class DesignedAnt(Ant):
 
     @classmethod
     def shape(cls, spec: mujoco.MjSpec, design: dict[str, float]) -> None:
-        upper, lower, mass = (design[name] / own.default for name, own in cls.designs.items())
+        upper, lower, mass = (design[name] / usual.default for name, usual in cls.designs.items())
         for foot in (body for body in spec.bodies if body.name.startswith("foot")):
             leg = foot.parent
             _scale(spec, leg.geoms[0].name, foot.name, upper)

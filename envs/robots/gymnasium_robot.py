@@ -24,6 +24,7 @@ WRENCH = sum(
     for field in ("FORCE", "TORQUE", "POS")
 )
 NET = 3  # reduces all contacts of a body to one wrench
+UNITS = {"inertias": "kg m^2, kg m, kg", "velocities": "rad/s, m/s"}  # others are N m, N
 
 
 def sense_contacts(spec: mujoco.MjSpec) -> None:
@@ -190,13 +191,21 @@ class GymnasiumRobot(Environment):
         return self.physics.model.qpos0.copy()
 
     def observe(self) -> Tensor:
-        positions, velocities = self.physics.qpos[:, self.unobserved :], self.physics.qvel
-        return torch.cat([positions, velocities.clamp(-self.fastest_seen, self.fastest_seen)], -1)
+        positions, limit = self.physics.qpos[:, self.unobserved :], self.fastest_seen
+        velocities = self.physics.qvel.clamp(-limit, limit)
+        return torch.cat([positions, velocities, *self.seen_of_bodies().values()], -1)
 
     def layout(self) -> list[Part]:
         model, fastest = self.physics.model, self.fastest_seen
         limit = fastest if math.isfinite(fastest) else None
-        return [*positions(model)[self.unobserved :], *velocities(model, limit)]
+        parts = [*positions(model)[self.unobserved :], *velocities(model, limit)]
+        for name, values in self.seen_of_bodies().items():
+            parts.append(Part(name, values.shape[1], UNITS.get(name, "N m, N")))
+        return parts
+
+    def seen_of_bodies(self) -> dict[str, Tensor]:
+        """Return the observed quantities of `bodies` by name, (N, ...) each."""
+        return {}
 
     def apply(self, action: Tensor) -> None:
         middle, reach = self.control_range
@@ -262,18 +271,8 @@ class GymnasiumHumanoid(GymnasiumRobot):
     def place(self) -> Tensor:
         return self.bodies.center[:, :2]
 
-    def observe(self) -> Tensor:
-        return torch.cat([super().observe(), *self._of_bodies().values()], -1)
-
-    def layout(self) -> list[Part]:
-        units = {"inertias": "kg m^2, kg m, kg", "velocities": "rad/s, m/s"}
-        extra = self._of_bodies().items()
-        parts = [Part(name, x.shape[1], units.get(name, "N m, N")) for name, x in extra]
-        return [*super().layout(), *parts]
-
-    def _of_bodies(self) -> dict[str, Tensor]:
-        """Return the observed per-body quantities (N, ...) by name, in gymnasium's order."""
-        options, bodies, seen = self.options, self.bodies, {}
+    def seen_of_bodies(self) -> dict[str, Tensor]:
+        options, bodies, seen = self.options, self.bodies, {}  # in gymnasium's order
         if options.include_cinert_in_observation:
             seen["inertias"] = bodies.inertias().flatten(1)
         if options.include_cvel_in_observation:

@@ -8,11 +8,9 @@ because its actions are discrete.
 """
 
 import mujoco
-import torch
 from pydantic import NonNegativeFloat
 from torch import Tensor
 
-from ..worlds.mujoco_robot import Part
 from ..worlds.options import Count, Objectives, Point, TaskOptions
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions, sense_contacts
 
@@ -148,15 +146,10 @@ class Ant(GymnasiumRobot):
         """Return contact torques (N m) and forces (N), (N, 78), each clipped to [-1, 1]."""
         return self.bodies.contact_forces().flatten(1).clamp(-1, 1)
 
-    def observe(self) -> Tensor:
+    def seen_of_bodies(self) -> dict[str, Tensor]:
         if not self.options.include_cfrc_ext_in_observation:
-            return super().observe()
-        return torch.cat([super().observe(), self.contact_forces()], -1)
-
-    def layout(self) -> list[Part]:
-        if not self.options.include_cfrc_ext_in_observation:
-            return super().layout()
-        return [*super().layout(), Part("contact_forces", self.contact_forces().shape[1], "N m, N")]
+            return {}
+        return {"contact_forces": self.contact_forces()}
 
     def terms(self) -> dict[str, Tensor]:
         vx, vy = self.velocity().unbind(-1)

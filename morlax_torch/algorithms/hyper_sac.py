@@ -54,9 +54,14 @@ class HyperSAC(OffPolicy):
         hold = self.options.hold
         self._repeat = max(0.0, 1 - env.dt / hold) if hold else 0.0  # probability per step
         self._gains = start.new_zeros(env.num_worlds, m)  # discounted, of episodes
-        self._process_state |= {"gains": self._gains, "noise": self._noise}
+        self._process_state |= {"gains": [self._gains], "noise": [self._noise]}
         self._squares = start.new_zeros(m)  # their mean square
         self._seen = start.new_zeros(())  # steps that it is a mean of
+        self._state |= {
+            "optimizers": [x for optimizer in self.optimizers for x in optimizer.state()],
+            "temperature": [self.log_temperature.detach()],
+            "scale": [self._squares, self._seen],
+        }
 
     def _start_here(self) -> None:
         super()._start_here()
@@ -92,7 +97,7 @@ class HyperSAC(OffPolicy):
         if self.config.decay_fraction:
             decay = self._decay()
             for optimizer in self.optimizers[:2]:
-                optimizer.rate.copy_(self.options.learning_rate * decay)
+                optimizer.rate.copy_(optimizer.initial_rate * decay)
         super()._learn(rounds)
 
     def _improve(self) -> None:
@@ -135,16 +140,9 @@ class HyperSAC(OffPolicy):
             entropy = -log_prob.mean()
             surplus = entropy - options.entropy * self.env.action_size
             losses = policy_loss, value_loss, entropy, policy.std.mean()
-            self._sums += torch.stack([loss.detach() for loss in losses])
+            self._losses += torch.stack([loss.detach() for loss in losses])
         self._follow(options.target_rate)
         tempering.step(self.log_temperature.exp() * surplus)
 
     def _means(self) -> dict[str, Tensor]:
         return {**super()._means(), "temperature": self.log_temperature.detach().exp()}
-
-    def _tensors(self) -> dict[str, list[Tensor]]:
-        return {
-            "temperature": [self.log_temperature.detach()],
-            "scale": [self._squares, self._seen],
-            **super()._tensors(),
-        }

@@ -1,52 +1,247 @@
-"""The interface of a learner, which the training loop drives."""
+"""The interface of every learner, which the training loop drives, and what all learners share."""
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
 
 from ..configuration.config import Config
-from ..envs import Worlds
+from ..configuration.tradeoffs import even_tradeoffs, sample_cells, sample_tradeoffs
+from ..envs import MorlaxError, Worlds
+from ..envs.devices import restore_generator, seed_of
+from ..gpu.graph import Graph
 from ..gpu.group import Group
-from ..networks.agent import Agent
+from ..networks.agent import Agent, Sizes, agent_class
+from .rollout import Episodes, Rollout
 
 
-class Learner(Protocol):
-    """Trains an `Agent` in worlds, one `iterate` at a time. `MORLAX` is one."""
+def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
+    """Return a new agent for the worlds, on their device; `networks` are arguments of `Agent`."""
+    if config.network.symmetric:
+        # a tolerance only if there is one: tasks may override `mirror` without
+        tolerance = config.network.symmetry_tolerance
+        networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
+    generator = torch.Generator().manual_seed(config.seed)
+    return agent_class(config)(config, Sizes.of(env), generator, **networks).to(env.device)
 
-    env: Worlds
-    config: Config
+
+def copies(tensors: list[Tensor]) -> list[Tensor]:
+    return [value.detach().clone() for value in tensors]
+
+
+@torch.no_grad()
+def restore(tensors: list[Tensor], stored: list[Tensor]) -> None:
+    """Copy stored values in place, also from another device; ValueError if shapes differ."""
+    for mine, value in zip(tensors, stored, strict=True):
+        if value.shape != mine.shape:
+            raise ValueError(f"a tensor has shape {tuple(value.shape)}, not {tuple(mine.shape)}")
+        mine.copy_(value)
+
+
+class TradeoffDraws:
+    """Draws trade-offs (K, m) as `config.sampling` says."""
+
+    def __init__(self, config: Config, num_objectives: int, device: torch.device):
+        sampling = config.sampling
+        self._alpha = sampling.alpha
+        self._corners = config.num_corners(num_objectives)
+        self._focus: Tensor | None = None
+        if sampling.focus is not None:
+            *weights, self._until = sampling.focus
+            focus = torch.tensor(weights, dtype=torch.float32, device=device)
+            self._focus = focus / focus.sum()
+        self._centers: Tensor | None = None  # of the cells
+        others = config.num_clusters - self._corners
+        if sampling.cells and sampling.mode == "sparse" and others >= num_objectives:
+            self._centers = even_tradeoffs(others, num_objectives).to(device)
+
+    def fill(self, out: Tensor, generator: torch.Generator, done: Tensor) -> None:
+        """Fill `out` (K, m) when a share () of training is done. Runs inside a recorded graph."""
+        if self._centers is None:
+            sample_tradeoffs(out, self._corners, self._alpha, generator)
+        else:
+            sample_cells(out[: len(self._centers)], self._centers, generator)
+            out[len(self._centers) :] = torch.eye(self._corners, out.shape[1], device=out.device)
+        if self._focus is not None:
+            away = (done / self._until).clamp(max=1.0)
+            out.copy_(torch.lerp(self._focus, out, away))
+
+
+class Learner(ABC):
+    """Trains an agent in worlds, one `iterate` at a time. `MORLAX` is one.
+
+    An iteration explores T steps with K trade-offs, then learns; each half is recorded as a CUDA
+    graph. One generator draws everything; all state lives in tensors updated in place. `trained` is
+    the agent that explores and learns; `agent`, the one that is evaluated, is the same unless a
+    method keeps another. Arguments and errors are those of `MORLAX`, but for the agent.
+    """
+
     group: Group
     """The processes that train together. `state_dict` copies the state of this process."""
-    agent: Agent
-    iteration: int
     steps_per_iteration: int
     """Environment steps of an iteration, in all processes."""
     env_steps: int
     """Environment steps learned from so far, in all processes."""
 
+    def __init__(self, env: Worlds, config: Config, agent: Agent, group: Group):
+        if env.num_worlds != config.worlds:
+            raise MorlaxError(
+                f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
+            )
+        self.env, self.config, self.group = env, config, group
+        group.share(agent)  # a user's networks may start differently in every process
+        self.agent = self.trained = agent
+        self.iteration = self.env_steps = 0
+        self.steps_per_iteration = config.worlds * config.horizon * group.size
+        device, m = env.device, len(env.objectives)
+        if device.type == "cuda":
+            torch.set_float32_matmul_precision("high")  # TF32
+        self.generator = torch.Generator(device).manual_seed(seed_of(config.seed, group.rank))
+        shape = config.num_clusters, m
+        self.tradeoffs = torch.full(shape, 1 / m, dtype=torch.float32, device=device)
+        self._draws = TradeoffDraws(config, m, device)
+        self.rollout = Rollout.empty(config.horizon, config.num_clusters, env)
+        env.reset()
+        self.observation = env.critic_observation().clone()  # (N, O + P)
+        self._done = self.tradeoffs.new_zeros(())  # of `iterate`, readable by graphs
+        self._episodes = Episodes(config.worlds, m, device)
+        self._rewards = self.tradeoffs.new_zeros(m + 1)  # and terminations, summed over iterations
+        self._iterations = 0  # that metrics are sums over
+        self._sums = [self._episodes.totals, self._rewards]  # that metrics are computed from
+        # further state by name, updated in place: of all processes, and of this one alone
+        self._state: dict[str, list[Tensor]] = {}
+        self._process_state: dict[str, list[Tensor]] = {}
+        generators = [self.generator, env.generator]
+        self.explore = Graph(self._explore, device, generators, partial(self._explore, 1))
+        self.learn = Graph(self._learn, device, [self.generator], partial(self._learn, 1))
+
+    @abstractmethod
+    def _explore(self, steps: int | None = None) -> None:
+        """Collect a rollout, or only its first `steps`. Runs inside a recorded graph."""
+
+    @abstractmethod
+    def _learn(self, rounds: int | None = None) -> None:
+        """Learn from the rollout, so many times (None: as the config says). Runs inside a graph."""
+
     @property
     def per_process(self) -> tuple[str, ...]:
         """Keys of the state that differ between processes."""
-        ...
+        return "generator", "environment", "observation", "episodes", *self._process_state
 
     def compile(self) -> None:
-        """Compile kernels and record graphs; the learner's state is unchanged."""
-        ...
+        """Compile kernels and record the graphs; all state is unchanged.
+
+        Worlds that cannot be recorded are explored eagerly.
+        """
+        if self.env.device.type != "cuda":
+            return
+        # warming up explores and learns for a moment, which changes all of this
+        state, tradeoffs = self.state_dict(), self.tradeoffs.clone()
+        self._record()
+        if self.env.recordable:
+            self.explore.record()
+        self.load_state_dict(state)
+        self.tradeoffs.copy_(tradeoffs)
+        self._restart_metrics()
+
+    def _record(self) -> None:
+        # before exploring, while other processes still compile the simulator's kernels
+        self.learn.record()
 
     def iterate(self, done: float = 0.0) -> None:
         """Run one iteration, of a run of which the share `done` is over, from 0 to 1."""
-        ...
+        if self.env.interrupted:
+            self.env.reset()
+            self._start_here()
+        self._done.fill_(done)
+        self.explore()
+        self._learn_from_it()
+        self._iterations += 1
+        self.iteration += 1
+        self.env_steps += self.steps_per_iteration
+
+    def _learn_from_it(self) -> None:
+        self.learn()
+
+    def _decay(self) -> Tensor:
+        """Return the factor () of learning rates at this time of the run."""
+        if not self.config.decay_fraction:
+            return torch.ones_like(self._done)
+        return ((1 - self._done) / self.config.decay_fraction).clamp(max=1.0)
+
+    def _count(self, rollout: Rollout) -> None:
+        """Add a rollout to the sums of metrics. Runs inside a recorded graph."""
+        self._episodes.observe(rollout)
+        terminated = rollout.terminated.float().mean()[None]
+        self._rewards += torch.cat([rollout.reward.mean((0, 1, 2)), terminated])
 
     def metrics(self) -> dict[str, float]:
-        """Return means over the iterations since the last call. Waits for the GPU.
+        """Return means over the iterations since the last call, and over all processes.
 
-        "blowups" and "overflow" are always among them. "entropy" and every metric that ends in
-        "_loss" must be finite, else training stops.
+        Episode returns and lengths are those of episodes that ended since then, if any did.
+        "blowups" and "overflow" are always there. "entropy" and every metric that ends in "_loss"
+        must be finite, else training stops. All processes must call it. It waits for the GPU.
         """
-        ...
+        env, group = self.env, self.group
+        means = {**self._means(), "blowups": env.blowups.float()}
+        # one copy to the CPU, since each waits for the GPU
+        sums = group.mean_(torch.stack([*means.values(), *self._episodes.totals]))
+        overflow = group.largest_(env.overflow().max().float()[None])
+        *values, largest = torch.cat([sums, overflow]).tolist()
+        metrics = dict(zip(means, values, strict=False))
+        metrics["blowups"] *= group.size
+        *totals, number = values[len(means) :]
+        if number:
+            names = [*(f"episode_return/{name}" for name in env.objectives), "episode_length"]
+            metrics |= {name: x / number for name, x in zip(names, totals, strict=True)}
+        self._restart_metrics()
+        return {**metrics, "overflow": largest}
+
+    def _means(self) -> dict[str, Tensor]:
+        """Return metrics () of this process, means over the iterations since the last call."""
+        names = [*(f"mean_reward/{name}" for name in self.env.objectives), "terminated"]
+        return dict(zip(names, self._rewards / max(1, self._iterations), strict=True))
+
+    def _restart_metrics(self) -> None:
+        self._iterations = 0
+        for value in self._sums:
+            value.zero_()
+
+    def _start_here(self) -> None:
+        """Explore from what the worlds show now, with no episode under way."""
+        self.observation.copy_(self.env.critic_observation())
+        self._episodes.running.zero_()
 
     def state_dict(self) -> dict[str, Any]:
-        """Copy everything that future iterations depend on; "agent" holds the agent's state."""
-        ...
+        """Copy everything that future iterations depend on; "agent" holds the agent's state.
+
+        Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
+        """
+        tensors = self._state | self._process_state
+        return {
+            **{name: copies(values) for name, values in tensors.items()},
+            "agent": {name: value.clone() for name, value in self.trained.state_dict().items()},
+            "generator": self.generator.get_state(),
+            "environment": self.env.state_dict() if self.env.resumable else {},
+            "observation": self.observation.clone(),
+            "episodes": self._episodes.running.clone(),
+            "iteration": self.iteration,
+            "env_steps": self.env_steps,
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state in place, so that recorded graphs stay valid."""
-        ...
+        for name, values in (self._state | self._process_state).items():
+            restore(values, state[name])
+        self.trained.load_state_dict(state["agent"])
+        restore_generator(self.generator, state["generator"])
+        if self.env.resumable:
+            self.env.load_state_dict(state["environment"])
+            self.observation.copy_(state["observation"])
+            self._episodes.running.copy_(state["episodes"])
+        else:
+            self._start_here()
+        self._iterations, self.iteration = 0, state["iteration"]
+        self.env_steps = state["env_steps"]

@@ -3,7 +3,6 @@
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from ..configuration.config import Config
 from ..configuration.sections import HyperMORLOptions
@@ -37,8 +36,8 @@ class MORLAX(Trainer):
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
 
-    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
-        self._draws.fill(tradeoffs, generator, self._done)
+    def _draw(self) -> None:
+        self._draws.fill(self.tradeoffs, self.generator, self._done)
 
 
 class AMOR(Trainer):
@@ -52,18 +51,18 @@ class AMOR(Trainer):
     def __init__(self, env: Worlds, config: Config, **others: Any):
         super().__init__(env, config, **others)
         self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
-        self._process_state |= {"tradeoffs": self.tradeoffs, "ended": self._ended}
+        self._process_state |= {"tradeoffs": [self.tradeoffs], "ended": [self._ended]}
 
     def iterate(self, done: float = 0.0) -> None:
         super().iterate(done)
         ended = self.rollout.terminated | self.rollout.truncated
         self._ended.copy_(ended.any(0).any(1, keepdim=True))
 
-    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
-        kept = tradeoffs.clone()
-        self._draws.fill(tradeoffs, generator, self._done)
+    def _draw(self) -> None:
+        before = self.tradeoffs.clone()
+        self._draws.fill(self.tradeoffs, self.generator, self._done)
         if self.config.sampling.mode == "dense":
-            tradeoffs.copy_(torch.where(self._ended, tradeoffs, kept))
+            self.tradeoffs.copy_(torch.where(self._ended, self.tradeoffs, before))
 
 
 class IndependentPPO(Trainer):
@@ -113,10 +112,10 @@ class HyperMORL(Trainer):
         self.warming_up = state["warming_up"]
         self._warming_up.fill_(self.warming_up)
 
-    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
-        sample_cells(tradeoffs, self._centers, generator)
-        balanced = torch.full_like(tradeoffs, 1 / tradeoffs.shape[1])
-        tradeoffs.copy_(torch.where(self._warming_up, balanced, tradeoffs))
+    def _draw(self) -> None:
+        sample_cells(self.tradeoffs, self._centers, self.generator)
+        balanced = torch.full_like(self.tradeoffs, 1 / self.tradeoffs.shape[1])
+        self.tradeoffs.copy_(torch.where(self._warming_up, balanced, self.tradeoffs))
 
     def _start_hypernetwork(self) -> None:
         balanced = torch.full_like(self.tradeoffs[0], 1 / self.tradeoffs.shape[1])
@@ -129,6 +128,5 @@ class HyperMORL(Trainer):
             weight, bias = list(actor.split(actor.bias.detach()).values())[-2:]
             weight[self.env.action_size :] = 0.0
             bias[self.env.action_size :] = spread_of(self.config.network.initial_std)
-        for optimizer, rate in zip(self.ppo.optimizers, self.ppo.rates, strict=False):
-            optimizer.forget()
-            optimizer.rate.fill_(rate)
+        for optimizer in self.ppo.optimizers:
+            optimizer.restart()

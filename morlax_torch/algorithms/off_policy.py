@@ -13,7 +13,7 @@ from ..envs import MorlaxError, Worlds
 from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
 from ..host.resources import memory_of, one_thread
-from .base import BaseLearner, copies, make_agent, restore
+from .learner import Learner, make_agent
 from .rollout import Explore, Rollout, collect
 
 MOST = 0.5  # share of the memory that a replay may take
@@ -121,7 +121,7 @@ class Replay:
         )
 
 
-class OffPolicy(BaseLearner):
+class OffPolicy(Learner):
     """Explores T steps with K trade-offs, stores them, and improves the agent from the replay.
 
     It needs sparse sampling, and uses no option of `ppo`. On CUDA, a resumed run starts with an
@@ -129,7 +129,7 @@ class OffPolicy(BaseLearner):
     but `critic` must be None. Each process of a group has its own replay.
     """
 
-    losses: ClassVar[tuple[str, ...]]  # names of the metrics that `_improve` sums
+    losses: ClassVar[tuple[str, ...]]  # names of the metrics that `_improve` adds up
     followed: ClassVar[tuple[str, ...]]  # families of the agent that have targets
     optimizers: tuple[ClippedAdam, ...]
 
@@ -158,12 +158,14 @@ class OffPolicy(BaseLearner):
         self.targets = [copy.deepcopy(family).requires_grad_(False) for family in families]
         capacity = max(options.replay_size // env.num_worlds, config.horizon)
         self.replay = Replay(capacity, config.num_clusters, env)
-        self._keeps_replay = env.resumable and env.device.type == "cpu"  # in checkpoints
+        if env.resumable and env.device.type == "cpu":
+            self._process_state["replay"] = self.replay.state()
         self._held = 0  # environment steps stored since the replay was empty
         self._start, self._rounds = options.start, options.rounds
-        self._sums = self.tradeoffs.new_zeros(len(self.losses))
-        self._rewards = self.tradeoffs.new_zeros(len(env.objectives) + 1)
+        self._losses = self.tradeoffs.new_zeros(len(self.losses))
+        self._sums.append(self._losses)
         self._updates = 0  # that losses are sums over
+        self._state["target"] = [x for target in self.targets for x in target.parameters()]
 
     @abstractmethod
     def _choose(self) -> Explore:
@@ -171,11 +173,7 @@ class OffPolicy(BaseLearner):
 
     @abstractmethod
     def _improve(self) -> None:
-        """Learn from a minibatch, or a few, and add to `_sums`."""
-
-    @property
-    def per_process(self) -> tuple[str, ...]:
-        return *super().per_process, *(["replay"] if self._keeps_replay else [])
+        """Learn from a minibatch, or a few, and add to `_losses`."""
 
     def _record(self) -> None:
         self._explore(1)  # so that there is something to learn from
@@ -198,9 +196,7 @@ class OffPolicy(BaseLearner):
         self.replay.add(rollout, self.tradeoffs)
         self.agent.observation_normalizer.update(rollout.observation, group=self.group)
         self._observe(rollout)
-        self._episodes.observe(rollout)
-        terminated = rollout.terminated.float().mean()[None]
-        self._rewards += torch.cat([rollout.reward.mean((0, 1, 2)), terminated])
+        self._count(rollout)
 
     def _observe(self, rollout: Rollout) -> None:
         """Keep statistics of a rollout; by default, none."""
@@ -210,42 +206,26 @@ class OffPolicy(BaseLearner):
             self._improve()
 
     def _means(self) -> dict[str, Tensor]:
-        rewards = [*(f"mean_reward/{name}" for name in self.env.objectives), "terminated"]
-        return {
-            **dict(zip(self.losses, self._sums / max(1, self._updates), strict=True)),
-            **dict(zip(rewards, self._rewards / max(1, self._iterations), strict=True)),
-        }
+        losses = zip(self.losses, self._losses / max(1, self._updates), strict=True)
+        return {**dict(losses), **super()._means()}
 
     def _restart_metrics(self) -> None:
         super()._restart_metrics()
         self._updates = 0
 
-    def _sums_of_metrics(self) -> list[Tensor]:
-        return [self._sums, self._rewards, *(adam.norms for adam in self.optimizers)]
-
     @torch.no_grad()
     def _follow(self, rate: float) -> None:
         """Take a step of the target networks towards the networks, in place."""
-        targets = [x for target in self.targets for x in target.parameters()]
         sources = [x for name in self.followed for x in getattr(self.agent, name).parameters()]
-        torch._foreach_lerp_(targets, sources, rate)
-
-    def _tensors(self) -> dict[str, list[Tensor]]:
-        return {
-            "target": [x for target in self.targets for x in target.parameters()],
-            "optimizers": [x for optimizer in self.optimizers for x in optimizer.state()],
-            **super()._tensors(),
-        }
+        torch._foreach_lerp_(self._state["target"], sources, rate)
 
     def state_dict(self) -> dict[str, Any]:
-        replay = {"replay": copies(self.replay.state())} if self._keeps_replay else {}
-        return {**super().state_dict(), **replay, "held": self._held}
+        return {**super().state_dict(), "held": self._held}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
+        replay = self._process_state.get("replay", [])
+        if not replay or "replay" not in state:
+            self.replay.clear()
+            state = {**state, "held": 0, "replay": replay}
         super().load_state_dict(state)
         self._held = state["held"]
-        if self._keeps_replay and "replay" in state:
-            restore(self.replay.state(), state["replay"])
-        else:
-            self.replay.clear()
-            self._held = 0

@@ -63,18 +63,16 @@ class PPO:
     def __init__(self, agent: Agent, config: PPOConfig, group: Group = ALONE):
         self.agent, self.config, self._group = agent, config, group
         actor, critic = list(agent.actor.parameters()), list(agent.critic.parameters())
-        self.rates = (config.learning_rate, config.critic_learning_rate or config.learning_rate)
-        norm, networks = config.max_grad_norm, agent.num_networks
+        rate, norm, networks = config.learning_rate, config.max_grad_norm, agent.num_networks
         together = list(dict.fromkeys(actor + critic))
         self.joint = len(together) < len(actor + critic) or config.optimizer == "joint"
         if self.joint:
-            self.optimizer_names: tuple[str, ...] = ("joint",)
-            self.optimizers = [ClippedAdam(together, self.rates[0], norm, networks, group)]
+            self.optimizers = [ClippedAdam(together, rate, norm, networks, group)]
         else:
-            self.optimizer_names = "actor", "critic"
+            critic_rate = config.critic_learning_rate or rate
             self.optimizers = [
-                ClippedAdam(actor, self.rates[0], norm, networks, group),
-                ClippedAdam(critic, self.rates[1], norm, networks, group.channel),
+                ClippedAdam(actor, rate, norm, networks, group),
+                ClippedAdam(critic, critic_rate, norm, networks, group.channel),
             ]
         self.entropy = actor[0].new_tensor(config.entropy)
         self.desired_kl = actor[0].new_tensor(config.desired_kl or 0.0)
@@ -162,8 +160,8 @@ class PPO:
 
     def decay(self, factor: Tensor) -> None:
         """Scale learning rates, desired KL and entropy bonus of the config by a `factor` ()."""
-        for optimizer, rate in zip(self.optimizers, self.rates, strict=False):
+        for optimizer in self.optimizers:
             if self.config.desired_kl is None or optimizer is not self.optimizers[0]:
-                optimizer.rate.copy_(rate * factor)
+                optimizer.rate.copy_(optimizer.initial_rate * factor)
         self.desired_kl.copy_((self.config.desired_kl or 0.0) * factor)
         self.entropy.copy_(self.config.entropy * factor)

@@ -1,5 +1,7 @@
 """The learners by name; those of `morlax_torch.baselines` are imported when asked for."""
 
+from collections.abc import Callable
+
 from torch import nn
 
 from ..configuration.config import Config
@@ -9,10 +11,8 @@ from ..gpu.group import ALONE, Group
 from .hyper_sac import HyperSAC
 from .learner import Learner
 from .methods import AMOR, MORLAX, HyperMORL, IndependentPPO
-from .off_policy import OffPolicy
-from .trainer import Trainer
 
-LEARNERS: dict[str, type[Trainer] | type[OffPolicy]] = {
+LEARNERS: dict[str, Callable[..., Learner]] = {
     "morlax": MORLAX,
     "hyper-sac": HyperSAC,
     "amor": AMOR,

@@ -11,8 +11,8 @@ from ..envs.worlds.mirror import check
 from ..gpu.group import ALONE, Group
 from ..host.resources import one_thread
 from ..networks.agent import Agent
-from .base import BaseLearner, make_agent
 from .batch import Table, expected_returns, make_batch
+from .learner import Learner, make_agent
 from .ppo import PPO
 from .rollout import collect
 from .scalarizations import make_scalarization
@@ -40,7 +40,6 @@ class DesignDraws:
         self.rows = torch.zeros(K, dtype=torch.int64, device=env.device)  # of the bank
         # steps until a cluster changes its body; at first, all get one
         self.left = -(torch.arange(K, device=env.device) * env.episode_length // K)
-        self.state = {"design_rows": self.rows, "design_steps": self.left}
 
     @property
     def context(self) -> Tensor:
@@ -58,7 +57,7 @@ class DesignDraws:
         return fresh
 
 
-class Trainer(BaseLearner):
+class Trainer(Learner):
     """Trains an agent with PPO; `agent` replaces the one of the config. See `MORLAX`."""
 
     def __init__(
@@ -84,22 +83,21 @@ class Trainer(BaseLearner):
         if config.sampling.designs:
             assert isinstance(env, Environment)
             self.designs = DesignDraws(env, config)
-            self._process_state |= self.designs.state
+            self._process_state["design_rows"] = [self.designs.rows]
+            self._process_state["design_steps"] = [self.designs.left]
             self._start_here()
         if self.scalarization.uses_returns:
             starts = self.observation.view(config.num_clusters, -1, self.observation.shape[1])
             self._starts = starts[:, :STARTS].clone()  # (K, up to STARTS, O + P)
-            self._process_state["starts"] = self._starts
+            self._process_state["starts"] = [self._starts]
         values = env.objectives if config.ppo.critic == "vector" else ("utility",)
-        self.metric_names = (
-            *PPO.metrics,
-            *(f"explained_variance/{name}" for name in values),
-            *(f"mean_reward/{name}" for name in env.objectives),
-            "terminated",
-        )
-        self._metrics = torch.zeros(len(self.metric_names), dtype=torch.float32, device=env.device)
+        self.metric_names = *PPO.metrics, *(f"explained_variance/{name}" for name in values)
+        self._metrics = self.tradeoffs.new_zeros(len(self.metric_names))
+        self._sums += [self._metrics, *(adam.norms for adam in self.ppo.optimizers)]
+        self._state["optimizers"] = self.ppo.state()
+        self._state["scalarization"] = self.scalarization.state()
 
-    def _draw(self, tradeoffs: Tensor, generator: torch.Generator) -> None:
+    def _draw(self) -> None:
         """Draw the trade-offs (K, m) of an iteration, in place, or keep them. Runs in a graph."""
 
     @property
@@ -110,7 +108,7 @@ class Trainer(BaseLearner):
         return torch.cat([self.tradeoffs, self.designs.context], -1)
 
     def _explore(self, steps: int | None = None) -> None:
-        self._draw(self.tradeoffs, self.generator)
+        self._draw()
         with torch.no_grad(), one_thread(self.env.device):
             if self.designs:
                 fresh = self.designs.draw(self.config.horizon, self.generator)
@@ -155,10 +153,8 @@ class Trainer(BaseLearner):
         # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
         self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)
-        self._episodes.observe(self.rollout)
-        reward = self.rollout.reward.mean((0, 1, 2))
-        terminated = self.rollout.terminated.float().mean()[None]
-        self._metrics += torch.cat([losses / config.epochs, explained, reward, terminated])
+        self._count(self.rollout)
+        self._metrics += torch.cat([losses / config.epochs, explained])
 
     def metrics(self) -> dict[str, float]:
         bodies = {"bodies": len(self.designs.bank.models)} if self.designs else {}
@@ -167,20 +163,12 @@ class Trainer(BaseLearner):
     def _means(self) -> dict[str, Tensor]:
         iterations = max(1, self._iterations)
         updates = iterations * self.config.ppo.epochs * self.config.ppo.minibatches
-        optimizers = dict(zip(self.ppo.optimizer_names, self.ppo.optimizers, strict=True))
+        names = ("joint",) if self.ppo.joint else ("actor", "critic")
+        optimizers = dict(zip(names, self.ppo.optimizers, strict=True))
         return {
             **dict(zip(self.metric_names, self._metrics / iterations, strict=True)),
+            **super()._means(),
             **{f"learning_rate/{name}": x.rate for name, x in optimizers.items()},
             **{f"gradient_norm/{name}": x.norms / updates for name, x in optimizers.items()},
             **self.scalarization.metrics(self.env.objectives),
-        }
-
-    def _sums_of_metrics(self) -> list[Tensor]:
-        return [self._metrics, *(adam.norms for adam in self.ppo.optimizers)]
-
-    def _tensors(self) -> dict[str, list[Tensor]]:
-        return {
-            "optimizers": self.ppo.state(),
-            "scalarization": self.scalarization.state(),
-            **super()._tensors(),
         }

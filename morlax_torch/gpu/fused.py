@@ -55,8 +55,8 @@ def mlps(
 
     if not mlp_kernels.fits(sizes, x.device):
         return definition()
-    whole = _whole(parameters)
-    return mlp_kernels.run(sizes, parameters if whole is None else [whole], x)
+    table = _table(parameters)
+    return mlp_kernels.run(sizes, parameters if table is None else [table], x)
 
 
 def mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> Tensor:
@@ -87,18 +87,18 @@ def _suits(x: Tensor, parameters: Sequence[Tensor]) -> bool:
     )
 
 
-def _whole(parameters: Sequence[Tensor]) -> Tensor | None:
+def _table(parameters: Sequence[Tensor]) -> Tensor | None:
     """Return the tensor (K, P) that a family's parameters are consecutive columns of, if any.
 
     Its gradient then needs no kernel to put the pieces together.
     """
-    whole = parameters[0]._base
-    if whole is None or whole.dim() != 2 or not whole.is_contiguous():
+    table = parameters[0]._base
+    if table is None or table.dim() != 2 or not table.is_contiguous():
         return None
-    start = whole.storage_offset()
+    start = table.storage_offset()
     for parameter in parameters:
-        mine = parameter._base is whole and parameter.storage_offset() == start
-        if not mine or (len(parameter), parameter.stride(0)) != whole.shape:
+        inside = parameter._base is table and parameter.storage_offset() == start
+        if not inside or (len(parameter), parameter.stride(0)) != table.shape:
             return None
         start += parameter[0].numel()
-    return whole if start == whole.storage_offset() + whole.shape[1] else None
+    return table if start == table.storage_offset() + table.shape[1] else None

@@ -1,8 +1,7 @@
 """Several processes that train one agent together, one per GPU."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import timedelta
 from functools import cache, cached_property
 from typing import Any, TypeVar
@@ -24,11 +23,10 @@ BUSY = timedelta(minutes=30)  # for one that films or writes an evaluation, whil
 PAUSE = 0.02  # s
 
 
-@contextmanager
-def _together() -> Iterator[None]:
-    """Tell a user why a collective fails: gloo and NCCL only name a socket."""
+def _together(collective: Callable[..., Any], *arguments: Any, group: Any) -> None:
+    """Run a collective and tell a user why it fails: gloo and NCCL only name a socket."""
     try:
-        yield
+        collective(*arguments, group=group)
     except RuntimeError as error:
         reason = str(error).splitlines()[0]
         raise MorlaxError(
@@ -63,16 +61,14 @@ class Group:
     def mean_(self, x: Tensor) -> Tensor:
         """Average a tensor over the processes, in place."""
         if self.size > 1:
-            with _together():
-                dist.all_reduce(x, group=self._tensors)
+            _together(dist.all_reduce, x, group=self._tensors)
             x.div_(self.size)
         return x
 
     def largest_(self, x: Tensor) -> Tensor:
         """Take the maximum of a tensor over the processes, in place."""
         if self.size > 1:
-            with _together():
-                dist.all_reduce(x, dist.ReduceOp.MAX, group=self._tensors)
+            _together(dist.all_reduce, x, dist.ReduceOp.MAX, group=self._tensors)
         return x
 
     def moments(self, mean: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
@@ -88,16 +84,14 @@ class Group:
         """Return the first process's value, a number or another object on the CPU."""
         values = [value]
         if self.size > 1:
-            with _together():
-                dist.broadcast_object_list(values, 0, group=self._objects)
+            _together(dist.broadcast_object_list, values, 0, group=self._objects)
         return values[0]
 
     def gather(self, value: T) -> list[T]:
         """Return every process's value, in the order of ranks."""
         values: list[Any] = [value] * self.size
         if self.size > 1:
-            with _together():
-                dist.all_gather_object(values, value, group=self._objects)
+            _together(dist.all_gather_object, values, value, group=self._objects)
         return values
 
     def share(self, module: nn.Module) -> None:

@@ -66,8 +66,8 @@ class ClippedAdam:
         networks: int = 1,
         group: Group = ALONE,
     ):
-        self.parameters, self.max_norm, self.networks = list(parameters), max_norm, networks
-        self.group = group
+        self.parameters, self.initial_rate = list(parameters), rate
+        self.max_norm, self.networks, self.group = max_norm, networks, group
         self.vector = torch.cat([p.detach().flatten() for p in self.parameters])
         parts = self.vector.split([p.numel() for p in self.parameters])
         for parameter, part in zip(self.parameters, parts, strict=True):
@@ -82,10 +82,11 @@ class ClippedAdam:
     def state(self) -> list[Tensor]:
         return [self.mean, self.square, self.steps, self.rate]
 
-    def forget(self) -> None:
-        """Reset moments and step count; keep the current parameters."""
+    def restart(self) -> None:
+        """Reset moments, step count and learning rate; keep the current parameters."""
         for value in (self.mean, self.square, self.steps):
             value.zero_()
+        self.rate.fill_(self.initial_rate)
 
     def step(self, loss: Tensor) -> None:
         """Descend the gradient of `loss`."""

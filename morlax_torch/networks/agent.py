@@ -15,9 +15,8 @@ from ..envs import MorlaxError, Worlds
 from ..envs.worlds.design_space import DesignParameter, DesignSpace
 from ..envs.worlds.mirror import Mirror, Reflection
 from ..gpu import fused
-from .family import Conditioned, Family
+from .family import Conditioned, Family, Independent
 from .gaussian import TanhNormal, limited, sample, spread_of
-from .generated import Independent
 from .hypernetwork import Hypernetwork
 from .mlp import Symmetric, Twins, check_network, mlp
 from .normalizer import Normalizer

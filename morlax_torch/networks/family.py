@@ -1,18 +1,24 @@
-"""Families of networks, one network per condition: their interface, and conditioned networks.
+"""Families of networks, one network per condition: conditioned, generated and separate ones.
 
 A condition is a trade-off of m weights and, in families of robots whose bodies differ, d numbers of
 context, which describe the body.
 """
 
 import copy
-from typing import Protocol
+import threading
+from abc import ABC, abstractmethod
+from functools import partial
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor, nn
+from torch.func import functional_call, vmap
 
 from ..envs import MorlaxError
+from ..envs.errors import shortened
+from ..envs.worlds.mirror import Reflection
 from ..gpu import fused
-from .mlp import mlp_sizes
+from .mlp import Symmetric, mlp_sizes
 
 
 class Family(Protocol):
@@ -110,3 +116,130 @@ def _beside(x: Tensor, condition: Tensor) -> Tensor:
     """Return x (..., inputs) with the condition (..., c) in every row, (..., inputs + c)."""
     # not `expand`: traced, it would fix the number of rows
     return torch.cat([x, torch.zeros_like(x[..., :1]) + condition], -1)
+
+
+class PerThread(threading.local):
+    """A copy of a module for each thread: `functional_call` swaps a module's parameters."""
+
+    def __init__(self, module: nn.Module):  # called by every thread that uses the object
+        self.original, self.copy = module, copy.deepcopy(module)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PerThread, (self.original,)
+
+
+class Generated(nn.Module, ABC):
+    """Runs copies of a target module, each with its own parameters.
+
+    A subclass maps conditions (K, m + d) to rows of P parameters (`flat`). Any target that
+    `torch.vmap` can batch works (nn.LSTM does not; a loop over nn.GRUCell does). Its buffers are
+    copied once and shared by the whole family. The target itself is copied, not changed.
+    """
+
+    def __init__(self, target: nn.Module):
+        super().__init__()
+        if not isinstance(target, nn.Module):
+            raise MorlaxError(f"the target must be an nn.Module, not {shortened(target)}.")
+        self.shapes = {name: value.shape for name, value in target.named_parameters()}
+        if not self.shapes:
+            raise MorlaxError("the target has no parameters, so there is nothing to generate.")
+        self.sizes = [shape.numel() for shape in self.shapes.values()]
+        # nn.Module does not see the target inside: its own parameters are not used
+        self._target = PerThread(copy.deepcopy(target).requires_grad_(False))
+        self._mlp = mlp_sizes(target.network if isinstance(target, Symmetric) else target)
+        self._names_of_buffers = list(dict(target.named_buffers()))
+        for index, buffer in enumerate(target.buffers()):
+            self.register_buffer(f"target_buffer_{index}", buffer.clone())
+
+    @property
+    def target(self) -> nn.Module:
+        """The module whose parameters are generated."""
+        return self._target.original
+
+    @abstractmethod
+    def flat(self, conditions: Tensor) -> Tensor:
+        """Map conditions (K, m + d) to parameters (K, P), in the order of `shapes`."""
+
+    def forward(self, conditions: Tensor) -> dict[str, Tensor]:
+        """Map conditions (K, m + d) to parameters: name -> (K, *shape).
+
+        Their trade-offs are scaled to sum to one.
+
+        Raises:
+            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
+        """
+        return self.split(self.flat(conditions))
+
+    def split(self, flat: Tensor) -> dict[str, Tensor]:
+        """Return the parameters (..., *shape) that rows (..., P) consist of, by name."""
+        named = zip(self.shapes.items(), flat.split(self.sizes, dim=-1), strict=True)
+        return {name: values.reshape((*flat.shape[:-1], *shape)) for (name, shape), values in named}
+
+    def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
+        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
+
+        MLPs run in fused kernels where there are some; the result is that of `torch.vmap`, up to
+        rounding.
+        """
+        definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
+        if not self._mlp or len(inputs) != 1:
+            return definition()
+        target, generated = self._target.copy, [parameters[name] for name in self.shapes]
+        if not isinstance(target, Symmetric):
+            return fused.mlps(inputs[0], self._mlp, generated, definition)
+        # one call for the rows and their images
+        inside = {name.removeprefix("network."): parameters[name] for name in self.shapes}
+        run, buffers = vmap(partial(functional_call, target.network)), self._buffers_of_family()
+        mirror_inputs = Reflection(buffers["inputs_order"], buffers["inputs_sign"])
+        mirror_outputs = Reflection(buffers["outputs_order"], buffers["outputs_sign"])
+        rows = torch.cat([inputs[0], mirror_inputs(inputs[0])], 1)
+        outputs = fused.mlps(rows, self._mlp, generated, partial(run, inside, rows))
+        plain, image = outputs.chunk(2, 1)
+        return target.mixed(plain, mirror_outputs(image))
+
+    def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
+        """Run one network, with parameters of the target's own shapes, on the target's inputs."""
+        named = {**parameters, **self._buffers_of_family()}
+        return functional_call(self._target.copy, named, inputs)
+
+    def specialize(self, condition: Tensor) -> nn.Module:
+        """Return a plain copy of the target with the parameters of one condition (m + d,)."""
+        network = copy.deepcopy(self.target).to(condition.device)
+        with torch.no_grad():
+            values = {**self.split(self.flat(condition[None])[0]), **self._buffers_of_family()}
+            for name, tensor in [*network.named_parameters(), *network.named_buffers()]:
+                tensor.copy_(values[name])
+        return network
+
+    def _buffers_of_family(self) -> dict[str, Tensor]:
+        names = enumerate(self._names_of_buffers)
+        return {name: getattr(self, f"target_buffer_{index}") for index, name in names}
+
+
+class Independent(Generated):
+    """R networks that share no parameters; a trade-off w gets the one it values most.
+
+    That is the network r with the largest w . keys[r] + offsets[r]. With points a of the simplex as
+    keys and -|a|²/2 as offsets, it is the nearest one; with returns as keys and no offsets, the one
+    with the largest weighted return. All networks start as the target, with points of the simplex
+    as keys.
+    """
+
+    keys: Tensor
+    offsets: Tensor
+
+    def __init__(self, target: nn.Module, keys: Tensor):
+        super().__init__(target)
+        start = torch.cat([p.detach().flatten() for p in target.parameters()])
+        self.rows = nn.Parameter(start.repeat(len(keys), 1))  # (R, P)
+        self.register_buffer("keys", keys.clone())  # (R, m)
+        self.register_buffer("offsets", keys.square().sum(-1) / -2)  # (R,)
+
+    def flat(self, conditions: Tensor) -> Tensor:
+        return self.rows.index_select(0, self.chosen(conditions))
+
+    def chosen(self, tradeoffs: Tensor) -> Tensor:
+        """Return the index (...) of the network of each trade-off (..., m)."""
+        # no matrix product, which GPUs round to TF32: keys may differ by less than that
+        products = on_simplex(tradeoffs)[..., None, :] * self.keys
+        return (products.sum(-1) + self.offsets).argmax(-1)

@@ -6,8 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from ..gpu import fused
-from .family import on_simplex
-from .generated import Generated
+from .family import Generated, on_simplex
 from .mlp import mlp, mlp_sizes
 
 

@@ -152,7 +152,7 @@ def test_policies_maximize_weighted_returns_in_the_task_s_units(monkeypatch):
     for optimizer in learner.optimizers:
         optimizer.rate.zero_()
     learner._improve()
-    policy_loss, _, entropy, _ = learner._sums
+    policy_loss, _, entropy, _ = learner._losses
     gain = -policy_loss + learner.log_temperature.exp() * -entropy
     weights, units = learner._drawn, torch.tensor([1.0, 100.0])
     assert_close(gain, ((weights @ returns) / (weights @ units)).mean(), rtol=1e-4, atol=0)
@@ -258,7 +258,7 @@ def test_a_run_without_its_replay_fills_it_before_it_learns(constants):
     config = small("hyper-sac", 20)
     learner = trained(config, 3)
     other = make_learner(config.make_worlds(config.worlds, config.seed), config)
-    other._keeps_replay = False  # as on a GPU
+    del other._process_state["replay"]  # as on a GPU
     other.load_state_dict(learner.state_dict())
     before = other.agent.actor.bias.detach().clone()
     for changed in (False, False, True):  # an iteration stores 256 transitions

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from morlax_torch import Policy, config_for
-from morlax_torch.algorithms.base import make_agent
+from morlax_torch.algorithms.learner import make_agent
 from morlax_torch.baselines.pg_morl import learner as pg_morl
-from morlax_torch.baselines.pg_morl import population, prediction, selection
+from morlax_torch.baselines.pg_morl import population, prediction
 from morlax_torch.baselines.pg_morl.agent import belongings
 from morlax_torch.baselines.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
@@ -221,18 +221,18 @@ def test_selection_equals_a_slow_greedy_one(m, alpha, size):
     below = 9 * units
     below[0] = 0.1
     archive = np.vstack([archive, below])
-    chosen = selection.select(archive, predicted, 6, reference, alpha).tolist()
+    chosen = population.select(archive, predicted, 6, reference, alpha).tolist()
     assert chosen == slow_selection(archive, predicted, 6, reference, alpha)
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
 def test_the_sparsity_with_each_point_equals_that_of_the_union(m):
     front, points = sphere(25, m), 1.2 * sphere(20, m, seed=1)
-    points = points[selection.shortfalls(points, front) < 0]
+    points = points[population.shortfalls(points, front) < 0]
     expected = [pareto.sparsity([*front, point]) for point in points]
-    assert selection.sparsities(points, front) == pytest.approx(expected)
-    assert selection.sparsities(np.full((1, m), 2.0), front).tolist() == [0]
-    assert selection.sparsities(points, front[:0]).tolist() == [0] * len(points)
+    assert population.sparsities(points, front) == pytest.approx(expected)
+    assert population.sparsities(np.full((1, m), 2.0), front).tolist() == [0]
+    assert population.sparsities(points, front[:0]).tolist() == [0] * len(points)
 
 
 def test_the_archive_keeps_what_none_dominates_and_thins_it_evenly():
@@ -306,7 +306,7 @@ def test_the_whole_archive_returns_what_was_stored_at_three_times_of_a_run(proto
         for _ in range(4):
             learner.iterate()
         state = learner.state_dict()["population"]
-        stored = state["archived"][: state["archive_size"]].numpy()
+        stored = state["returns"][0].numpy()
         assert simulated_again(learner, len(stored)) == pytest.approx(stored, rel=1e-3)
         front = evaluator.evaluate()
         best = stored[(front.tradeoffs @ stored.T).argmax(1)]
@@ -317,12 +317,12 @@ def test_the_whole_archive_returns_what_was_stored_at_three_times_of_a_run(proto
 
 def test_policies_that_return_to_training_are_what_was_stored():
     learner = made(tiny(), 12)
-    start = learner.state_dict()["population"]["start"]
+    start = learner.state_dict()["population"]["returns"][1]
     learner._keep_snapshot(0)
     assert learner._measure()[-4:].numpy() == pytest.approx(start.numpy(), rel=1e-3)
     counts = learner.trained.observation_normalizer.count.flatten()
     assert (counts > 0).all() and (learner.trained.value_normalizer.count > 0).all()
-    means = learner.agent.observation_normalizer.mean[: learner._archived]
+    means = learner.agent.observation_normalizer.mean[: len(learner._archived)]
     assert len(means.unique(dim=0)) > 1
 
 
@@ -331,7 +331,7 @@ def test_policies_that_return_to_training_are_what_was_stored():
 def test_exported_policies_have_their_own_statistics(format, tmp_path):
     config = tiny()
     learner = made(config, 4)
-    size = learner._archived
+    size = len(learner._archived)
     means = learner.agent.observation_normalizer.mean[:size]
     with torch.no_grad():  # as different as after a long training
         means += torch.arange(float(size))[:, None, None]

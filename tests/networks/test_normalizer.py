@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from morlax_torch.baselines.pg_morl.agent import Normalizers
-from morlax_torch.networks.generated import Independent
+from morlax_torch.networks.family import Independent
 from morlax_torch.networks.normalizer import Normalizer
 
 

@@ -12,7 +12,7 @@ from torch import nn
 
 from morlax_torch import MORLAX, MorlaxError, Policy, load, save
 from morlax_torch.algorithms import registry
-from morlax_torch.algorithms.base import BaseLearner
+from morlax_torch.algorithms.learner import Learner
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
@@ -24,7 +24,7 @@ def usual(**changes: object) -> Config:
     return tiny(**{"network.actor": (64, 64), **changes})
 
 
-def make_learner(config: Config, **networks: nn.Module) -> BaseLearner:
+def make_learner(config: Config, **networks: nn.Module) -> Learner:
     return registry.make_learner(config.make_worlds(config.worlds, config.seed), config, **networks)
 
 

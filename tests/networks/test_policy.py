@@ -13,7 +13,7 @@ from tiny import learner, scaled, tiny
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
-from morlax_torch.algorithms.base import make_agent
+from morlax_torch.algorithms.learner import make_agent
 from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.networks.mlp import Linear
 from morlax_torch.runs import checkpoint

@@ -11,7 +11,6 @@ def multiply(a: Tensor, b: Tensor) -> Tensor:
     w, x, y, z = a.unbind(-1)
     nx, ny, nz = (-a[..., 1:]).unbind(-1)
     rows = torch.stack([w, nx, ny, nz, x, w, nz, y, y, z, w, nx, z, ny, x, w], -1)
-    # A sum of products, because training may allow TF32 in matrix products.
     return (rows.unflatten(-1, (4, 4)) * b[..., None, :]).sum(-1)
 
 

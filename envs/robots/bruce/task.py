@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Self
+from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -13,12 +13,11 @@ from torch.linalg import vector_norm
 
 from ...physics.interface import Physics
 from ...worlds.environment import Environment
-from ...worlds.episodes import Starts
+from ...worlds.episodes import Start, Starts
 from ...worlds.mujoco_robot import Part
 from ...worlds.options import Count, Objectives, TaskOptions
 from . import model as bruce
-from .beginnings import FASTEST, TaskState, drawn_commands, states
-from .reference import BASE, JOINTS, Anchor, Library, Reference
+from .reference import BASE, JOINTS, POSITION, Anchor, Library, Reference
 from .rotations import PairSums
 
 SEEN = 5  # values of each history in the observation
@@ -31,6 +30,8 @@ HISTORIES = {
     "asked_joints": (SEEN, 16),  # of the reference
     "asked_base": (SEEN, 7),  # of the reference
 }
+FASTEST = (0.2, 0.1)  # largest commands, m/s, forward and sideways
+COMMANDS = 2048  # that episodes draw from
 LAG = 0.03  # s, time constant of the action filter
 LEG_REACH, ARM_REACH, VELOCITY_REACH = 0.6, 0.4, 0.05  # rad, rad and m/s, of an action of 1
 RESTING_HEIGHT = 0.427  # m; the soles are 2 mm above the floor in the default pose
@@ -105,6 +106,17 @@ class BruceOptions(TaskOptions):
         return velocity
 
 
+class TaskState(NamedTuple):
+    """Initial task state besides the physics; one row per initial condition or world."""
+
+    command: Tensor  # (B, 2) m/s, forward and to the left
+    leg: Tensor  # (B,) first swing leg: 0 left, 1 right
+    anchor: Tensor  # (B, 3) pose of the reference: x, y (m) and yaw (rad)
+    points: Tensor  # (B, 8, 22) control points of the first step
+    target: Tensor  # (B, 23) of the reference
+    rates: Tensor  # (B, 22) of the reference
+
+
 class Histories:
     """The latest values (N, K, C) of several quantities, newest first, by their `sizes` (K, C).
 
@@ -155,6 +167,7 @@ class Bruce(Environment):
         self._library = Library.load()
         self.reference = Reference(self._library, like)
         self.command = like.new_zeros(len(like), 2)
+        self._expand = bruce.joints_from_crank(model)
         self._from_joints = PairSums(bruce.crank_from_joints(model), like)
         self._to_motors = PairSums(bruce.motors_from_crank(), like)
         self._default = torch.from_numpy(bruce.DEFAULT_POSE).to(like)
@@ -185,18 +198,50 @@ class Bruce(Environment):
     def initial_qpos(self) -> np.ndarray:
         qpos = np.zeros(self.physics.model.nq)
         qpos[2:4] = RESTING_HEIGHT, 1.0
-        qpos[7:] = bruce.joints_from_crank(self.physics.model) @ bruce.DEFAULT_POSE
+        qpos[7:] = self._expand @ bruce.DEFAULT_POSE
         return qpos
 
     def prepare_starts(self, seed: int) -> Starts:
-        options, rest = self.options, self.initial_qpos()
+        options, random = self.options, np.random.default_rng(seed)
+        commands, legs, heights = np.array([options.command]), np.zeros(1, np.int64), np.ones(1)
         if options.draw_commands:
-            conditions = drawn_commands(options.fastest, options.standing, seed)
+            commands = random.uniform(-1, 1, (COMMANDS, 2)) * options.fastest
+            commands[random.random(COMMANDS) < options.standing] = 0.0
+            legs, heights = random.integers(0, 2, COMMANDS), random.uniform(1.0, 1.02, COMMANDS)
+
+        def begun(like: Tensor) -> Reference:
+            velocity = torch.from_numpy(commands).to(like)
+            leg = torch.from_numpy(legs).to(like.device)
+            walk, everywhere = Reference(self._library, velocity), torch.ones_like(leg).bool()
+            walk.begin(everywhere, velocity, leg, walk.gaits(velocity, leg))
+            return walk
+
+        walk = begun(torch.from_numpy(commands))  # in float64, for the simulator
+        walk.elapsed.zero_()
+        poses, rates = (t.numpy() for t in walk.now())
+        standing = (commands == 0).all(-1)
+        anchors = np.zeros((len(standing), 3))
+        anchors[standing, :2] = -poses[standing, POSITION][:, :2]
+        walk = begun(self.physics.qpos)
+        anchor = torch.from_numpy(anchors).to(walk.velocity)
+        self._first = TaskState(walk.velocity, walk.leg, anchor, walk.points, *walk.now())
+        rows = zip(poses, rates, standing, heights, strict=True)
+        return Starts([self._first_state(*row) for row in rows], self.physics)
+
+    def _first_state(
+        self, pose: np.ndarray, rate: np.ndarray, stands: bool, height: float
+    ) -> Start:
+        """Return the first state of a gait, or the default pose at `height` times that at rest."""
+        model, qpos = self.physics.model, self.initial_qpos()
+        qvel, ctrl = np.zeros(model.nv), np.zeros(model.nu)
+        crank = bruce.DEFAULT_POSE if stands else pose[JOINTS]
+        if stands:
+            qpos[2] *= height
         else:
-            conditions = np.array([options.command]), np.zeros(1, np.int64), np.ones(1)
-        model, like = self.physics.model, self.physics.qpos
-        starts, self._first = states(self._library, conditions, rest, model, like)
-        return Starts(starts, self.physics)
+            qpos[:3], qpos[7:] = pose[POSITION], self._expand @ crank
+            qvel[:3], qvel[6:] = rate[POSITION], self._expand @ rate[JOINTS]
+        ctrl[:16] = bruce.motors_from_crank() @ crank
+        return Start(qpos, qvel, ctrl)
 
     def vary_model(self, seed: int) -> dict[str, np.ndarray]:
         drawn = super().vary_model(seed)

@@ -96,10 +96,12 @@ class PDMORL(OffPolicy):
         self.optimizers = tuple(
             ClippedAdam([*x.parameters()], rate, MAX_NORM, group=group) for x in families
         )
+        self._state["optimizers"] = [x for adam in self.optimizers for x in adam.state()]
         K, m = self.tradeoffs.shape
         self._centers = even_tradeoffs(K, m).to(env.device)
         self._random = torch.zeros((), dtype=torch.bool, device=env.device)  # for graphs
         self.interpolator = Interpolator(m, env.device)
+        self._state["interpolator"] = self.interpolator.state()
         keys, seeds = self.interpolator.keys, config.evaluation.seeds
         self._keys = keys.to(env.device)[torch.arange(K) % len(keys)]  # of clusters, at first
         worlds = evaluation_worlds(config, len(keys), seeds, MEASURING)
@@ -151,7 +153,7 @@ class PDMORL(OffPolicy):
         by_actor.step(policy_loss)
         self._follow(options.target_rate)
         losses = policy_loss, value_loss, degrees
-        self._sums += torch.stack([loss.detach() for loss in losses])
+        self._losses += torch.stack([loss.detach() for loss in losses])
 
     def _normalized(self, observation: Tensor) -> Tensor:
         """Return rows (S, 1, O + P): each row has a trade-off."""
@@ -205,9 +207,6 @@ class PDMORL(OffPolicy):
         degrees = self._angle(value, tradeoffs)
         utility = (value * tradeoffs[:, None, None]).sum(-1).mean()
         return self._guided(self.options.actor_angle) * degrees - utility, degrees
-
-    def _tensors(self) -> dict[str, list[Tensor]]:
-        return {"interpolator": self.interpolator.state(), **super()._tensors()}
 
 
 LEARNER = PDMORL

@@ -8,8 +8,7 @@ from torch import Tensor
 from ...configuration.config import Config
 from ...envs.worlds.mirror import Mirror, Reflection
 from ...networks.agent import Agent, Sizes
-from ...networks.family import Family
-from ...networks.generated import Independent
+from ...networks.family import Family, Independent
 from ...networks.normalizer import Normalizer
 
 

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...algorithms.base import copies, make_agent, restore
+from ...algorithms.learner import copies, make_agent, restore
 from ...algorithms.trainer import Trainer
 from ...configuration.config import Config
 from ...configuration.tradeoffs import even_tradeoffs
@@ -18,12 +18,11 @@ from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator, evaluation_worlds
 from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
-from ...networks.generated import Independent
+from ...networks.family import Independent
 from .agent import belongings
 from .options import PGMORLOptions
-from .population import candidate_weights, directions, pareto_archive, performance_buffer
+from .population import candidate_weights, directions, pareto_archive, performance_buffer, select
 from .prediction import predict
-from .selection import select
 
 REMEMBERED = 4096  # generations of a policy that predictions rest on
 MEASURING = 1  # seed of the episodes that policies are measured in; 0 is that of evaluations
@@ -61,19 +60,15 @@ class PGMORL(Trainer):
         self._evaluator = measuring(self._measured, config, m)
         moments = [x.new_zeros(number, x.shape[1]) for x in self._moments()]
         self._snapshots = [*belongings(self._measured), *moments]
-        capacity = config.num_networks
         double = partial(torch.zeros, dtype=torch.float64)
-        self._state: dict[str, Tensor] = {
-            "returns": double(capacity, m),
-            "weights": double(capacity, m),  # that members were last trained with
-            # candidates that members have been trained with since
-            "tried": torch.zeros(capacity, self.options.candidates, dtype=torch.bool),
-            "archived": double(capacity, m),  # returns of the archive
-            "start": double(K, m),  # returns of the K policies before this generation
-            "history": double(REMEMBERED, 3, m),  # returns before, weights, change of returns
-        }
-        self._members = [x.new_zeros(capacity, *x.shape[1:]) for x in self._snapshots]
-        self._size = self._archived = self._stretches = 0
+        # Returns (p, m) of the population's p members, trade-offs (p, m) that they were last
+        # trained with, candidates (p, c) that they have been trained with since, and themselves.
+        untried = torch.zeros(0, self.options.candidates, dtype=torch.bool)
+        members = [x.new_zeros(0, *x.shape[1:]) for x in self._snapshots]
+        self._population = [double(0, m), double(0, m), untried, *members]
+        self._archived = double(0, m)  # returns of the archive
+        self._start = double(K, m)  # returns of the K policies before this generation
+        self._history = double(0, 3, m)  # returns before, weights, change of returns
 
     def compile(self) -> None:
         super().compile()
@@ -82,7 +77,7 @@ class PGMORL(Trainer):
     def iterate(self, done: float = 0.0) -> None:
         if self.iteration == 0:
             self._keep_snapshot(0)
-            self._state["start"].copy_(self._measure()[-len(self.tradeoffs) :])
+            self._start.copy_(self._measure()[-len(self.tradeoffs) :])
         super().iterate(done)
         left = -self.iteration % self.generation  # iterations until the generation ends
         if left % self._spacing == 0:
@@ -102,57 +97,53 @@ class PGMORL(Trainer):
         return self.group.first(torch.from_numpy(self._evaluator.evaluate().returns))
 
     def _end_generation(self) -> None:
-        state, weights = self._state, self.tradeoffs.double().cpu()
-        returns, K = self._measure(), len(weights)
+        weights, returns = self.tradeoffs.double().cpu(), self._measure()
+        K = len(weights)
         last = returns[-K:]
-        rows = (self._stretches + torch.arange(K)) % REMEMBERED
-        state["history"][rows] = torch.stack([state["start"], weights, last - state["start"]], 1)
-        self._stretches += K
+        stretches = torch.stack([self._start, weights, last - self._start], 1)
+        self._history = torch.cat([self._history, stretches])[-REMEMBERED:]
         self._join_archive(returns)
         self._join_population(returns, weights.repeat(len(returns) // K, 1))
-        state["start"].copy_(last)
-        if self.iteration >= self.options.warmup and self._size:
+        self._start.copy_(last)
+        if self.iteration >= self.options.warmup and len(self._population[0]):
             self._choose()
 
     def _join_archive(self, returns: Tensor) -> None:
         """Let the snapshots join the archive, which is the agent that is evaluated."""
-        archived, before = self._state["archived"], self._archived
-        joined = torch.cat([archived[:before], returns])
-        kept = pareto_archive(joined.numpy(), len(archived))
-        archive = belongings(self.agent)
-        _keep(archive, before, self._snapshots[: len(archive)], kept)
-        _keep([archived], before, [returns], kept)
-        self._archived = size = len(kept)
+        joined = torch.cat([self._archived, returns])
+        kept = pareto_archive(joined.numpy(), self.config.num_networks)
+        archive, before, size = belongings(self.agent), len(self._archived), len(kept)
+        policies = [values[:before] for values in archive]
+        rows = _joined(policies, self._snapshots[: len(archive)], kept)
+        for values, new in zip(archive, rows, strict=True):
+            values[:size] = new
+        self._archived = joined[kept]
         for family in (self.agent.actor, self.agent.critic):
             assert isinstance(family, Independent)
-            family.keys[:size] = archived[:size].to(family.keys)
+            family.keys[:size] = self._archived.to(family.keys)
             family.offsets.fill_(-torch.finfo(torch.float32).max)
             family.offsets[:size] = 0.0
 
     def _join_population(self, returns: Tensor, weights: Tensor) -> None:
         """Let the snapshots join the population, and keep the best of it."""
-        stores = [self._state[name] for name in ("returns", "weights", "tried")]
-        joined = torch.cat([stores[0][: self._size], returns])
+        joined = torch.cat([self._population[0], returns])
         point = self._evaluator.reference_point
         kept = performance_buffer(joined.numpy(), point, self._directions, self.options.bin_size)
         untried = torch.zeros(len(returns), self.options.candidates, dtype=torch.bool)
         added = [returns, weights, untried, *self._snapshots]
-        _keep([*stores, *self._members], self._size, added, kept)
-        self._size = len(kept)
+        self._population = _joined(self._population, added, kept)
 
     def _choose(self) -> None:
         """Choose what the next generation trains."""
-        state, size = self._state, self._size
-        history = state["history"][: min(self._stretches, REMEMBERED)].numpy()
-        before, weights, change = history.transpose(1, 0, 2)
-        returns = state["returns"][:size].numpy()
-        around, valid = candidate_weights(state["weights"][:size].numpy(), self.options.candidates)
-        valid &= ~state["tried"][:size].numpy()
+        returns, weights, tried, *members = self._population
+        before, trained, change = self._history.numpy().transpose(1, 0, 2)
+        around, valid = candidate_weights(weights.numpy(), self.options.candidates)
+        valid &= ~tried.numpy()
         if not valid.any():
             return
-        predicted = predict(before, weights, change, returns, around)
+        predicted = predict(before, trained, change, returns.numpy(), around)
         chosen = select(
-            returns,
+            returns.numpy(),
             predicted[valid],
             len(self.tradeoffs),
             self._evaluator.reference_point,
@@ -161,12 +152,12 @@ class PGMORL(Trainer):
         # with too few candidates, the best are trained twice
         pairs = np.argwhere(valid)[np.resize(chosen, len(self.tradeoffs))]
         # hosts whose processors round differently may choose differently
-        members, candidates = self.group.first(pairs).T
-        state["tried"][members, candidates] = True
-        picked = torch.from_numpy(members)
-        self.tradeoffs.copy_(torch.from_numpy(around[members, candidates]))
-        state["start"].copy_(state["returns"][picked])
-        for values, stored in zip(self._belongings(), self._members, strict=True):
+        rows, candidates = self.group.first(pairs).T
+        tried[rows, candidates] = True
+        picked = torch.from_numpy(rows)
+        self.tradeoffs.copy_(torch.from_numpy(around[rows, candidates]))
+        self._start.copy_(returns[picked])
+        for values, stored in zip(self._belongings(), members, strict=True):
             values.copy_(stored[picked.to(stored.device)])
 
     def _belongings(self) -> list[Tensor]:
@@ -181,11 +172,8 @@ class PGMORL(Trainer):
     def state_dict(self) -> dict[str, Any]:
         state = super().state_dict()
         population = {
-            **{name: value.clone() for name, value in self._state.items()},
-            "size": self._size,
-            "archive_size": self._archived,
-            "stretches": self._stretches,
-            "members": copies(self._members),
+            "members": copies(self._population),
+            "returns": copies([self._archived, self._start, self._history]),
             "snapshots": copies(self._snapshots),
             "trained": state["agent"],
             "tradeoffs": self.tradeoffs.clone(),
@@ -197,12 +185,11 @@ class PGMORL(Trainer):
         stored = state["population"]
         super().load_state_dict({**state, "agent": stored["trained"]})
         self.agent.load_state_dict(state["agent"])
-        restore([*self._state.values()], [stored[name] for name in self._state])
-        restore(self._members, stored["members"])
+        pairs = zip(self._population, stored["members"], strict=True)
+        self._population = [value.to(mine.device, copy=True) for mine, value in pairs]
+        self._archived, self._start, self._history = copies(stored["returns"])
         restore(self._snapshots, stored["snapshots"])
         self.tradeoffs.copy_(stored["tradeoffs"])
-        self._size, self._archived = stored["size"], stored["archive_size"]
-        self._stretches = stored["stretches"]
 
 
 def intervals(config: Config, episode_length: int, device_type: str) -> tuple[int, int]:
@@ -228,13 +215,13 @@ def measuring(agent: Agent, config: Config, num_objectives: int) -> Evaluator:
     return Evaluator(agent, worlds, unused, config.evaluation.protocol, seed=MEASURING)
 
 
-def _keep(
-    stores: Sequence[Tensor], size: int, added: Sequence[Tensor], kept: NDArray[np.intp]
-) -> None:
-    """Replace the first `size` rows of each store by the `kept` ones of these and of added rows."""
-    for store, new in zip(stores, added, strict=True):
-        rows = torch.cat([store[:size], new])
-        store[: len(kept)] = rows[torch.from_numpy(kept).to(rows.device)]
+def _joined(
+    tables: Sequence[Tensor], added: Sequence[Tensor], kept: NDArray[np.intp]
+) -> list[Tensor]:
+    """Return the `kept` ones of the rows of each table and of those added to it."""
+    rows = torch.from_numpy(kept)
+    pairs = zip(tables, added, strict=True)
+    return [torch.cat(pair)[rows.to(pair[0].device)] for pair in pairs]
 
 
 LEARNER = PGMORL
