@@ -1,7 +1,7 @@
 """Questions "A or B?" to a user: which two behaviors to compare next, and who learns from it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, Protocol
 
 import mujoco
 from numpy.typing import ArrayLike
@@ -13,18 +13,13 @@ from ..preferences.tradeoff import Preference
 from .session import Behavior, Clip, Session, Weights
 
 
-class Question(NamedTuple):
-    """Two behaviors, A and B."""
-
-    behaviors: tuple[Behavior, Behavior]
-    policies: tuple[int, int] | None = None  # their indices on a front
-
-
 class Comparisons(Protocol):
     """A source of questions. `ComparisonExhibit` puts them to a user."""
 
-    def ask(self) -> Question | None:
-        """Return the next question; None after the last one."""
+    evidence: dict[str, Any]  # of the answers so far, for a page
+
+    def ask(self) -> Sequence[Behavior] | None:
+        """Return the behaviors A and B of the next question; None after the last one."""
         ...
 
     def answer(self, preferred: int) -> None:
@@ -39,11 +34,12 @@ class PolicyComparisons:
         self._preference = Preference(front, seed)
         self._front, self._sessions = front, sessions
 
-    def ask(self) -> Question:
+    def ask(self) -> Sequence[Behavior]:
         preference = self._preference
-        self._pair = preference.pair()  # of the front
+        self._pair = preference.pair()
         index, tradeoff = self.best()
-        self.evidence = {  # of the answers, for a page; policies are indices on the front
+        self.evidence = {  # policies are indices on the front
+            "policies": self._pair,
             "best": index,
             "best_tradeoff": tradeoff,
             "possible": preference.possible().tolist(),
@@ -53,7 +49,7 @@ class PolicyComparisons:
         for session, policy in zip(self._sessions, self._pair, strict=True):
             session.tradeoff = tuple(self._front.tradeoffs[policy].tolist())
             session.reset()
-        return Question(self._sessions, self._pair)
+        return self._sessions
 
     def answer(self, preferred: int) -> None:
         self._preference.answer(self._pair[preferred], self._pair[1 - preferred])
@@ -82,18 +78,17 @@ class ClipComparisons:
         pairs: Iterable[Sequence[ArrayLike]],
         answered: Callable[[int, int], None],
     ):
-        self._model, self._dt = model, dt
-        self._pairs, self._answered = enumerate(pairs), answered
+        self._model, self._dt, self._answered = model, dt, answered
+        self._pairs, self.evidence = enumerate(pairs), dict[str, Any]()
 
-    def ask(self) -> Question | None:
-        self._number, pair = next(self._pairs, (None, None))
-        if pair is None:
+    def ask(self) -> Sequence[Behavior] | None:
+        question = next(self._pairs, None)
+        if question is None:
             return None
-        a, b = (Clip(self._model, qpos, self._dt) for qpos in pair)
-        return Question((a, b))
+        self._number, pair = question
+        return [Clip(self._model, qpos, self._dt) for qpos in pair]
 
     def answer(self, preferred: int) -> None:
-        assert self._number is not None, "nothing was asked"
         self._answered(self._number, preferred)
 
 
@@ -101,16 +96,16 @@ def questions(lesson: Lesson, most: int) -> ClipComparisons:
     """Ask about `most` pairs of a lesson's clips, and save each answer."""
     config, comparisons = lesson.policy.config, lesson.comparisons
     robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
-    pair = 0, 0
+    pairs: list[tuple[int, int]] = []
 
-    def pairs() -> Iterator[list[ArrayLike]]:
-        nonlocal pair
-        for _ in range(most):
-            pair = lesson.pair()
-            yield [comparisons.clips.qpos[clip] for clip in pair]
+    def clips() -> Iterator[list[ArrayLike]]:
+        while len(pairs) < most:
+            pairs.append(lesson.pair())
+            yield [comparisons.clips.qpos[clip] for clip in pairs[-1]]
 
-    def answered(_: int, preferred: int) -> None:
+    def answered(number: int, preferred: int) -> None:
+        pair = pairs[number]
         comparisons.answer(pair[preferred], pair[1 - preferred])
         lesson.save()
 
-    return ClipComparisons(robot.physics.model, robot.dt, pairs(), answered)
+    return ClipComparisons(robot.physics.model, robot.dt, clips(), answered)

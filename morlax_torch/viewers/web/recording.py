@@ -1,7 +1,6 @@
 """Record torch operations as graphs whose inputs are the tensors that persist."""
 
 import operator
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import torch
@@ -12,12 +11,13 @@ from torch.utils._pytree import tree_leaves, tree_map
 from ...envs import MorlaxError
 
 aten = torch.ops.aten
-RANDOM = {  # operations whose draws a page can repeat: kind, and default parameters
-    "aten::uniform_": ("uniform", (0.0, 1.0)),
-    "aten::normal_": ("normal", (0.0, 1.0)),
-    "aten::random_.from": ("integer", ()),
-    "aten::rand.generator": ("uniform", (0.0, 1.0)),
-    "aten::randn.generator": ("normal", (0.0, 1.0)),
+UNIFORM, NORMAL = {"from": 0.0, "to": 1.0}, {"mean": 0.0, "std": 1.0}
+RANDOM = {  # operations whose draws a page can repeat: kind, and parameters with their defaults
+    "aten::uniform_": ("uniform", UNIFORM),
+    "aten::normal_": ("normal", NORMAL),
+    "aten::random_.from": ("integer", UNIFORM),
+    "aten::rand.generator": ("uniform", UNIFORM),
+    "aten::randn.generator": ("normal", NORMAL),
 }
 
 
@@ -38,21 +38,27 @@ def flat(tensor: Tensor) -> Tensor:
     return torch.empty(0, dtype=tensor.dtype).set_(tensor.untyped_storage())
 
 
-def written(func: Any, arguments: Iterable[Any], named: dict[str, Any]) -> list[Tensor]:
-    schema = func._schema.arguments
-    pairs = [*zip(schema, arguments, strict=False)]
-    pairs += [(a, named[a.name]) for a in schema if a.name in named]
-    changed = [value for a, value in pairs if a.alias_info and a.alias_info.is_write]
+def bound(func: Any, args: tuple, kwargs: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of an operation by name."""
+    names = (argument.name for argument in func._schema.arguments)
+    return dict(zip(names, args, strict=False)) | kwargs
+
+
+def written(func: Any, args: tuple, kwargs: dict[str, Any]) -> list[Tensor]:
+    """Return the tensors that an operation changes."""
+    values, schema = bound(func, args, kwargs), func._schema.arguments
+    changed = [values.get(a.name) for a in schema if a.alias_info and a.alias_info.is_write]
     return [value for value in tree_leaves(changed) if isinstance(value, Tensor)]
 
 
-class Writes(TorchDispatchMode):
-    """Finds the tensors that are changed in place but existed before."""
+class Watch(TorchDispatchMode):
+    """Finds the tensors that are changed in place but existed before, and random numbers."""
 
     def __init__(self) -> None:
         super().__init__()
         self._new: dict[int, Tensor] = {}
-        self.storages: dict[int, Tensor] = {}
+        self.storages: dict[int, Tensor] = {}  # changed ones by identity, as views (size,)
+        self.draws: list[Tensor] = []  # random numbers in order
 
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         result = func(*args, **(kwargs or {}))
@@ -63,20 +69,8 @@ class Writes(TorchDispatchMode):
         for tensor in written(func, args, kwargs or {}):
             if storage(tensor) not in self._new:
                 self.storages.setdefault(storage(tensor), flat(tensor))
-        return result
-
-
-class Draws(TorchDispatchMode):
-    """Keeps the random numbers that are drawn, in order."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.values: list[Tensor] = []
-
-    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
-        result = func(*args, **(kwargs or {}))
         if torch.Tag.nondeterministic_seeded in func.tags:
-            self.values.append(result.clone())
+            self.draws.append(result.clone())
         return result
 
 
@@ -100,9 +94,8 @@ class Recorder(TorchDispatchMode):
         self._bases: dict[str, fx.Node] = {}
         self._changed: dict[str, None] = {}
         self._dynamic: set[fx.Node] = set()
-        # Inputs, and views of the state, are found while recording, but belong before it.
+        # inputs are found while recording, but belong before it
         self._end_of_inputs = self.graph.call_function(torch.zeros, ((),))
-        self._end_of_views = self.graph.call_function(torch.zeros, ((),))
 
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         kwargs = kwargs or {}
@@ -112,15 +105,11 @@ class Recorder(TorchDispatchMode):
             return func(*args)
         if torch.Tag.nondeterministic_seeded in func.tags:
             return self._draw(func, args, kwargs)
-        nodes = tree_map(self._argument, (args, kwargs))
+        nodes = tree_map(lambda x: self._node(x) if isinstance(x, Tensor) else x, (args, kwargs))
         result = func(*args, **kwargs)
         node = self._call(func, *nodes)
-        self._note_writes(func, args, kwargs)
-        self._keep(result, node)
+        self._keep(func, args, kwargs, result, node)
         return result
-
-    def input(self, name: str, tensor: Tensor) -> None:
-        self._nodes[id(tensor)] = self._placeholder(name, tensor), tensor
 
     def output(self, name: str, tensor: Tensor) -> None:
         self.outputs[name] = self._node(tensor)
@@ -131,8 +120,7 @@ class Recorder(TorchDispatchMode):
             self.outputs[name] = self._bases[name]
         results = [self._call(aten.clone.default, (x,), {}) for x in self.outputs.values()]
         self.graph.output(tuple(results))
-        for mark in (self._end_of_inputs, self._end_of_views):
-            self.graph.erase_node(mark)
+        self.graph.erase_node(self._end_of_inputs)
         return fx.GraphModule(self.root, self.graph)
 
     def _draw(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> Tensor:
@@ -140,22 +128,14 @@ class Recorder(TorchDispatchMode):
         operation = f"{schema.name}.{schema.overload_name}".rstrip(".")
         if operation not in RANDOM:
             raise MorlaxError(f"it draws random numbers with torch's {schema.name[6:]}")
-        kind, parameters = RANDOM[operation]
-        result = func(*args, **kwargs)
-        in_place = schema.name.endswith("_")
-        if in_place:
-            named = (kwargs[k] for k in ("from", "to", "mean", "std") if k in kwargs)
-            chosen = tuple(float(x) for x in (*args[1:], *named))
-            parameters = chosen + parameters[len(chosen) :]
-        name = f"random_{len(self.draws)}"
+        (kind, defaults), values = RANDOM[operation], bound(func, args, kwargs)
+        parameters = tuple(float(values.get(name, x)) for name, x in defaults.items())
+        result, name = func(*args, **kwargs), f"random_{len(self.draws)}"
         self.draws[name] = Draw(kind, parameters)
         drawn = self._placeholder(name, result)
-        if in_place:
-            node = self._call(aten.copy_.default, (self._node(args[0]), drawn), {})
-            self._note_writes(func, args, kwargs)
-            self._keep(result, node)
-        else:
-            self._keep(result, drawn)
+        if schema.name.endswith("_"):
+            drawn = self._call(aten.copy_.default, (self._node(args[0]), drawn), {})
+        self._keep(func, args, kwargs, result, drawn)
         return result
 
     def _call(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> fx.Node:
@@ -164,7 +144,12 @@ class Recorder(TorchDispatchMode):
             self._dynamic.add(node)
         return node
 
-    def _keep(self, result: Any, node: fx.Node) -> None:
+    def _keep(self, func: Any, args: tuple, kwargs: dict, result: Any, node: fx.Node) -> None:
+        """Remember the node of an operation's result, and which state it has changed."""
+        for tensor in written(func, args, kwargs):
+            name = self._names.get(storage(tensor))
+            if name is not None:
+                self._changed[name] = None
         if isinstance(result, Tensor):
             self._nodes[id(result)] = node, result
         elif isinstance(result, (list, tuple)):
@@ -172,11 +157,6 @@ class Recorder(TorchDispatchMode):
                 if isinstance(part, Tensor):
                     picked = self._call(operator.getitem, (node, index), {})
                     self._nodes[id(part)] = picked, part
-
-    def _argument(self, value: Any) -> Any:
-        if isinstance(value, torch.Generator):
-            return None
-        return self._node(value) if isinstance(value, Tensor) else value
 
     def _node(self, tensor: Tensor) -> fx.Node:
         if id(tensor) in self._nodes:
@@ -198,15 +178,12 @@ class Recorder(TorchDispatchMode):
     def _view(self, name: str, tensor: Tensor) -> fx.Node:
         if name not in self._bases:
             base = self._placeholder(name, self._state[name])
-            with self.graph.inserting_before(self._end_of_views):
-                self._bases[name] = self._call(aten.clone.default, (base,), {})
-        begin, size = tensor.storage_offset(), list(tensor.shape)
+            self._bases[name] = self._call(aten.clone.default, (base,), {})
         if tensor.dtype != self._state[name].dtype or not tensor.is_contiguous():
             raise MorlaxError("it keeps a strided view of a tensor that changes")
-        with self.graph.inserting_before(self._end_of_views):
-            end = begin + tensor.numel()
-            part = self._call(aten.slice.Tensor, (self._bases[name], 0, begin, end), {})
-            return self._call(aten.view.default, (part, size), {})
+        begin, end = tensor.storage_offset(), tensor.storage_offset() + tensor.numel()
+        part = self._call(aten.slice.Tensor, (self._bases[name], 0, begin, end), {})
+        return self._call(aten.view.default, (part, list(tensor.shape)), {})
 
     def _placeholder(self, name: str, tensor: Tensor) -> fx.Node:
         self.inputs[name] = tensor.detach().clone()
@@ -214,9 +191,3 @@ class Recorder(TorchDispatchMode):
             node = self.graph.placeholder(name)
         self._dynamic.add(node)
         return node
-
-    def _note_writes(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> None:
-        for tensor in written(func, args, kwargs):
-            name = self._names.get(storage(tensor))
-            if name is not None:
-                self._changed[name] = None

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from unittest.mock import patch
 
 import mujoco
@@ -16,7 +16,7 @@ from ...envs.errors import LONGEST
 from ...envs.physics.mujoco import MujocoPhysics
 from ...exports.formats import onnx_model, onnxruntime, quiet
 from ...host.phases import phase
-from .recording import Draws, Recorder, Writes, flat, storage
+from .recording import Draw, Recorder, Watch, flat, storage
 
 ARRAYS = {  # of `Physics`, and their names in mjData
     "qpos": "qpos",
@@ -28,7 +28,7 @@ ARRAYS = {  # of `Physics`, and their names in mjData
 }
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
 STEPS, EPISODES = 60, 3  # of the check
-TOLERANCE = 1e-4  # of numbers below 1; relative above
+TOLERANCE = 1e-4  # absolute plus relative
 
 
 class PagePhysics(MujocoPhysics):
@@ -63,7 +63,7 @@ class OnnxGraph(NamedTuple):
     onnx: bytes
     inputs: dict[str, Tensor]  # by name, with example values
     outputs: tuple[str, ...]
-    draws: dict[str, Any]  # the inputs that are random: name -> `Draw`
+    draws: dict[str, Draw]  # the inputs that are random
 
 
 class Traced(NamedTuple):
@@ -80,11 +80,13 @@ class Traced(NamedTuple):
 
 
 def trace(env: Environment) -> Traced:
-    """Trace `env.step`; raises MorlaxError if no graph can express the task."""
+    """Trace `env.step` and check the graphs; raises MorlaxError if none can express the task."""
     try:
-        return _traced(env)
+        traced = _traced(env)
+        _check(env, traced)
     except MorlaxError as error:
         raise cannot(type(env), str(error)) from None
+    return traced
 
 
 def cannot(task: type[Environment], reason: str) -> MorlaxError:
@@ -100,23 +102,20 @@ def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
     if env.command_limits:
         state["command"] = flat(env.command)
     named = {storage(values) for values in state.values()}
-    for act in (lambda: env.step(action), env.reset):
-        with Writes() as writes, torch.no_grad():
-            act()
-        for memory, values in writes.storages.items():
-            if memory not in named:
-                named.add(memory)
-                state[f"state_{len(state)}"] = values
-    return state
+    with Watch() as watch, torch.no_grad():
+        env.step(action)
+        env.reset()
+    others = [values for memory, values in watch.storages.items() if memory not in named]
+    return state | {f"state_{number}": values for number, values in enumerate(others)}
 
 
 def _traced(env: Environment) -> Traced:
     action = torch.zeros(1, env.action_size, dtype=torch.float32)
     state = persisting(env, action)
     env.reset()
-    before = Recorder(state)
-    before.input("action", action)
-    after = Recorder(state, before)
+    inputs = {**state, "action": flat(action)}
+    before = Recorder(inputs)
+    after = Recorder(inputs, before)
     simulate = env.physics.step
 
     def switch() -> None:
@@ -144,8 +143,6 @@ def _graph(recorder: Recorder) -> OnnxGraph:
             program = torch.export.export(module, tuple(inputs.values())).run_decompositions({})
             results = [f"next_{name}" for name in outputs]  # ONNX needs names of their own
             model = onnx_model(program, results, tuple(inputs))
-        except MorlaxError:
-            raise
         except Exception as error:  # torch's exporters raise errors of many kinds
             raise MorlaxError(str(error)[:LONGEST]) from error
     for node in model.graph.node:
@@ -155,33 +152,31 @@ def _graph(recorder: Recorder) -> OnnxGraph:
     return OnnxGraph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))
 
 
-def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
+def _check(env: Environment, traced: Traced) -> None:
     """Compare the graphs with `env.step` for some episodes of random actions.
 
-    Both start each step from the task's state and get its draws. Returns the largest difference,
-    relative where numbers exceed 1; raises MorlaxError if it is more than TOLERANCE.
+    Both start each step from the task's state and get its draws. Raises MorlaxError if they differ.
     """
     start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
     sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
     values: dict[str, np.ndarray] = {}  # of all inputs and outputs of the graphs, by name
-    simulate, largest = env.physics.step, 0.0
+    simulate, generator = env.physics.step, torch.Generator().manual_seed(0)
 
     def copy(names: Iterable[str]) -> None:
         values.update({name: traced.state[name].numpy().copy() for name in names})
 
     def run(graph: OnnxGraph, draws: list[Tensor], results: Mapping[str, Tensor]) -> None:
-        nonlocal largest
         values.update({name: x.numpy() for name, x in zip(graph.draws, draws, strict=True)})
         inputs = {name: values[name] for name in graph.inputs}
         outputs = sessions[id(graph)].run(None, inputs)
         values.update(zip(graph.outputs, outputs, strict=True))
         for name, exact in {**traced.state, **results}.items():
             if name in graph.outputs:
-                largest = max(largest, _gap(env, name, exact.numpy(), values[name]))
+                _compare(name, exact.numpy().ravel(), values[name].ravel())
 
     def switch() -> None:
-        run(traced.before, draws.values, {})
-        draws.values.clear()
+        run(traced.before, watch.draws, {})
+        watch.draws.clear()
         simulate()
         copy(ARRAYS)
 
@@ -192,24 +187,18 @@ def check(env: Environment, traced: Traced, generator: torch.Generator) -> float
             uniform = torch.rand(1, env.action_size, generator=generator, dtype=torch.float32)
             action = 2 * uniform - 1 if episode else torch.zeros_like(uniform)
             copy(traced.state)
-            values["action"] = action.numpy()
-            with Draws() as draws, torch.no_grad(), patch.object(env.physics, "step", switch):
+            values["action"] = action.numpy().ravel()
+            with Watch() as watch, torch.no_grad(), patch.object(env.physics, "step", switch):
                 step = env.step(action)
             results = {name: getattr(step, name) for name in RESULTS}
             results["terms"] = torch.stack([*step.terms.values()], -1)
-            run(traced.after, draws.values, results)
-    return largest
+            run(traced.after, watch.draws, results)
 
 
-def _gap(env: Environment, name: str, exact: np.ndarray, traced: np.ndarray) -> float:
-    """Return the largest difference, or raise MorlaxError if it is too large."""
-    exact, traced = (x.astype(np.float64).ravel() for x in (exact, traced))
-    gaps = np.abs(exact - traced) / np.maximum(1.0, np.abs(exact))
-    gap = float(np.where(np.isnan(exact) & np.isnan(traced), 0.0, gaps).max(initial=0.0))
-    if not gap <= TOLERANCE:
-        raise cannot(
-            type(env),
-            f"its traced {name} differs by {gap:.1e}; keep all state in tensors that are "
-            "changed in place, and compute with torch only",
+def _compare(name: str, exact: np.ndarray, traced: np.ndarray) -> None:
+    exact, traced = exact.astype(np.float64), traced.astype(np.float64)
+    if not np.allclose(traced, exact, TOLERANCE, TOLERANCE, equal_nan=True):
+        raise MorlaxError(
+            f"its traced {name} differs by {np.abs(exact - traced).max():.1e}; keep all state in "
+            "tensors that are changed in place, and compute with torch only"
         )
-    return gap

@@ -14,7 +14,6 @@ from unittest.mock import patch
 
 import mujoco
 import numpy as np
-import torch
 from torch import Tensor
 
 from ...envs import Environment, MorlaxError
@@ -30,9 +29,8 @@ from ...runs.evaluating import front_of
 from ...runs.loading import bookmarks, load
 from .. import libraries
 from ..describing import array_bytes, described_task, drawn_arrays, front_map
-from ..player import PUSH
-from .recording import storage
-from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, cannot, check, trace
+from ..player import PUSH, Player
+from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, cannot, trace
 
 # Arrays of mjModel that the physics depends on, and the names that their versions share.
 PHYSICAL = re.compile(
@@ -186,9 +184,8 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     env, model = build(policy)
     phase("tracing the task")
     traced = trace(env)
-    check(env, traced, torch.Generator().manual_seed(0))
     folder.mkdir(parents=True)
-    (folder / START).write_bytes(start(policy, env))
+    (folder / START).write_bytes(start(policy))
     export(policy, folder / "policy.onnx")
     for name, graph in (("before", traced.before), ("after", traced.after)):
         (folder / f"{name}.onnx").write_bytes(graph.onnx)
@@ -219,27 +216,20 @@ def build(policy: Policy) -> tuple[Environment, WebModel]:
     return env, text
 
 
-def start(policy: Policy, env: Environment) -> bytes:
+def start(policy: Policy) -> bytes:
     """Record the robot with even weights, from the task's first state."""
-    model = env.physics.model
-    data = mujoco.MjData(model)
-    act = policy.specialize([1 / len(policy.objectives)] * len(policy.objectives))
-    stride = max(round(FRAME / env.dt), 1)
-    observation, over = env.reset(), False
+    player = Player(policy, [1.0] * len(policy.objectives))
+    model, dt = player.model, player.env.dt
+    stride = max(round(FRAME / dt), 1)
     places, turns = [], []
-    for step in range(round(SECONDS / env.dt) + 1):
-        data.qpos[:] = env.physics.qpos[0].numpy()
-        mujoco.mj_kinematics(model, data)
-        if over or not np.isfinite(data.xpos).all():
-            break
-        if step % stride == 0:
-            places.append(data.xpos.copy())
-            turns.append(data.xquat.copy())
-        observation, _, terminated, truncated, *_ = env.step(act(observation))
-        over = bool(terminated | truncated)
+    while player.steps <= SECONDS / dt and np.isfinite(player.data.xpos).all() and not player.over:
+        if player.steps % stride == 0:
+            places.append(player.data.xpos.copy())
+            turns.append(player.data.xquat.copy())
+        player.step()
     poses = {"places": np.array(places), "turns": np.array(turns)}  # (T, nbody, 3 or 4)
-    sizes = {"nbody": model.nbody, "ngeom": model.ngeom, "followed": env.base}
-    return array_bytes({**drawn_arrays(model), **poses}, **sizes, dt=stride * env.dt)
+    sizes = {"nbody": model.nbody, "ngeom": model.ngeom, "followed": player.env.base}
+    return array_bytes({**drawn_arrays(model), **poses}, **sizes, dt=stride * dt)
 
 
 def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
@@ -247,7 +237,6 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
     many = STARTS if len(env.starts.states[0]) > 1 else 1
     command = None
     if env.command_limits:
-        assert storage(env.command) == storage(env.command[0])
         command = {
             "offset": env.command.storage_offset(),  # where the state named "command" has it
             "limits": {name: list(limits) for name, limits in env.command_limits.items()},
