@@ -20,7 +20,7 @@ from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.comparisons import PolicyComparisons
+from morlax_torch.viewers.explorer.comparisons import policy_questions
 from morlax_torch.viewers.explorer.exhibits import RunExhibit, Thresholds
 from morlax_torch.viewers.explorer.session import (
     PUSH,
@@ -317,26 +317,23 @@ def test_a_clip_that_does_not_fit_the_robot_is_an_error(model, qpos):
 def test_answers_move_the_recommendation_to_the_preferred_end():
     session = Session.open(library.choose("cheetah"))
     front = session.front
-    source = PolicyComparisons(front, (session.twin(), session.twin()))
-    evidence = []
+    questions = policy_questions(front, (session.twin(), session.twin()))
+    robots, first = last = next(questions)
     for _ in range(9):
-        source.ask()
-        evidence.append(source.evidence)
-        a, b = front.tradeoffs[list(source.evidence["policies"])]
-        source.answer(0 if a[0] > b[0] else 1)
-    robots = source.ask()
-    evidence.append(source.evidence)
-    index, tradeoff = source.best()
+        a, b = front.tradeoffs[list(last[1]["policies"])]
+        last = questions.send(0 if a[0] > b[0] else 1)
+    evidence = last[1]
+    index = evidence["best"]
     run = front.returns[front.non_dominated, 0]
     assert front.returns[index, 0] > run.max() - 0.02 * np.ptp(run)
-    assert tradeoff == pytest.approx(front.tradeoffs[index])
+    assert evidence["best_tradeoff"] == pytest.approx(front.tradeoffs[index])
     # the evidence grows: fewer policies are possible, and fewer questions remain
-    assert evidence[-1]["best"] == index and index in evidence[-1]["possible"]
-    assert len(evidence[-1]["possible"]) < len(evidence[0]["possible"])
-    assert evidence[-1]["confidence"] > evidence[0]["confidence"]
-    assert evidence[-1]["left"] < evidence[0]["left"]
+    assert index in evidence["possible"]
+    assert len(evidence["possible"]) < len(first["possible"])
+    assert evidence["confidence"] > first["confidence"]
+    assert evidence["left"] < first["left"]
     # its robots act on the question's trade-offs
-    for robot, asked in zip(robots, evidence[-1]["policies"], strict=True):
+    for robot, asked in zip(robots, evidence["policies"], strict=True):
         robot.step()
         assert robot.player.tradeoff.tolist() == pytest.approx(front.tradeoffs[asked])
         assert robot.steps == 1

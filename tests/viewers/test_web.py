@@ -54,7 +54,7 @@ def test_graphs_step_with_the_same_noise_delays_and_pushes():
     noise = {"observation_noise": {"position": 0.1}, "action_delay": (1, 3)}
     pushes = {"push": 0.5, "push_every": 3}
     traced = trace(world("hopper", randomization={**noise, **pushes}, reset_noise=0.01))
-    kinds = [draw.kind for graph in traced[:2] for draw in graph.draws.values()]
+    kinds = [draw["kind"] for graph in traced[:2] for draw in graph.draws.values()]
     assert kinds == ["normal", "uniform", "normal"]
 
 

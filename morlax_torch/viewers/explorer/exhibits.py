@@ -16,7 +16,7 @@ from ...runs.choosing import Chooser
 from ...runs.evaluating import evaluate
 from ...runs.loading import bookmark, bookmarks, own_folder
 from . import library
-from .comparisons import Comparisons, PolicyComparisons
+from .comparisons import Comparisons, policy_questions
 from .session import Behavior, Put, Session, Weights
 
 MOST = 4  # robots
@@ -131,19 +131,22 @@ class ComparisonExhibit:
     """
 
     def __init__(self, source: Comparisons):
-        self._source, self._answers = source, 0
+        self._questions, self._answers, self._over = iter(source), 0, False
         self._told: dict[str, Any] | None = None  # the answer before
-        self._ask()
+        self.behaviors: Sequence[Behavior] = ()
+        self.evidence: dict[str, Any] = {}
+        self._go_on(None)
 
-    def _ask(self) -> None:
-        question = self._source.ask()
-        self._over = question is None
-        if question is not None:
-            self.behaviors = question
+    def _go_on(self, preferred: int | None) -> None:
+        """Answer the question with A (0) or B (1), or skip it, and ask the next one."""
+        try:
+            self.behaviors, self.evidence = self._questions.send(preferred)
+        except StopIteration:
+            self._over = True
 
     def state(self) -> dict[str, Any]:
         asking = {"answers": self._answers, "over": self._over, "told": self._told}
-        return {"asking": asking | self._source.evidence}
+        return {"asking": asking | self.evidence}
 
     def react(self, request: Request) -> None:
         match request:
@@ -151,14 +154,12 @@ class ComparisonExhibit:
                 for behavior in self.behaviors:
                     behavior.reset()
             case {"act": "answer", "preferred": preferred} if not self._over:
-                policies = self._source.evidence.get("policies")
-                self._told = {"preferred": preferred, "policies": policies}
-                self._source.answer(preferred)
+                self._told = {"preferred": preferred, "policies": self.evidence.get("policies")}
                 self._answers += 1
-                self._ask()
+                self._go_on(preferred)
             case {"name": "skip"} if not self._over:
                 self._told = None
-                self._ask()
+                self._go_on(None)
 
 
 class RunExhibit:
@@ -273,12 +274,12 @@ class RunExhibit:
                 if steered.front is None:
                     raise MorlaxError("There is no front: morlax evaluate RUN writes one.")
                 robots = steered.twin(), steered.twin()
-                self._source = PolicyComparisons(steered.front, robots, seed=self._rounds)
-                self._asking = ComparisonExhibit(self._source)
+                questions = policy_questions(steered.front, robots, seed=self._rounds)
+                self._asking = ComparisonExhibit(questions)
                 self._rounds += 1
             case {"name": "use" | "leave" as name}:
                 if name == "use" and self._asking is not None:
-                    self._steer(self._source.best()[1])
+                    self._steer(self._asking.evidence["best_tradeoff"])
                 self._asking = None
         if self._asking is not None:
             self._asking.react(request)

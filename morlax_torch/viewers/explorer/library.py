@@ -13,22 +13,14 @@ from ...envs import MorlaxError
 from ...envs.errors import unknown
 from ...envs.making import has_robot
 from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND, runs_code, title
-from ...evaluation import requirements
+from ...evaluation.requirements import Choice as Chosen
+from ...evaluation.requirements import shown
 from ...host.files import write_file
 from ...host.version import __version__
 from ...networks.policy import Policy
+from ...runs import loading
 from ...runs.checkpoint import fingerprint
-from ...runs.loading import (
-    RUNS,
-    SHIPPED,
-    find_checkpoint,
-    find_run,
-    load,
-    named_run,
-    newest_runs,
-    own_folder,
-    save,
-)
+from ...runs.loading import find_checkpoint
 from ...runs.references import named_task
 
 POLICY, CARD = "policy.onnx", "decision.html"
@@ -37,8 +29,9 @@ BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 def _folders() -> dict[str, Path]:
     """Return the folders of the shipped policies, then those of the runs, newest first, by name."""
-    shipped = sorted(folder.parent for folder in SHIPPED.glob("*/checkpoints"))
-    return {folder.name: folder for folder in shipped} | {str(x): x for x in newest_runs(RUNS)}
+    shipped = sorted(folder.parent for folder in loading.SHIPPED.glob("*/checkpoints"))
+    runs = loading.newest_runs(loading.RUNS)
+    return {folder.name: folder for folder in shipped} | {str(run): run for run in runs}
 
 
 def labels() -> dict[str, str]:
@@ -87,7 +80,7 @@ class Choice(NamedTuple):
     @property
     def folder(self) -> Path:
         """The folder to write files into: the run's, or the working directory if it is shipped."""
-        return own_folder(self.file) or Path()
+        return loading.own_folder(self.file) or Path()
 
     def export(self, tradeoff: Sequence[float], body: Policy | None = None) -> list[Path]:
         """Write a trade-off's policy as ONNX, of another `body` if any; return the files.
@@ -98,17 +91,17 @@ class Choice(NamedTuple):
         run = self.argument
         if body is not None:
             run = str(self.folder / BODY)
-            save(body, run)
+            loading.save(body, run)
         ignore = signal.signal, (signal.SIGINT, signal.SIG_IGN)
         with ProcessPoolExecutor(1, get_context("spawn"), *ignore) as pool:
             arguments = named_task(self.folder), run, self.folder / POLICY, tradeoff
             return pool.submit(_export, *arguments).result()
 
-    def write_card(self, policy: Policy, choice: requirements.Choice) -> list[Path]:
+    def write_card(self, policy: Policy, choice: Chosen) -> list[Path]:
         """Write the decision card of a trade-off of this checkpoint; return the file."""
         run = shlex.quote(self.argument) + (" --trust" if runs_code(policy.config.env) else "")
-        weights = requirements.shown(choice.tradeoff)
-        commands = [f"morlax export {run} --tradeoff {weights}", f"morlax explore {run}"]
+        export = f"morlax export {run} --tradeoff {shown(choice.tradeoff)}"
+        commands = [export, f"morlax explore {run}"]
         card = decision_card(self.argument, policy, choice, commands)
         write_file(self.folder / CARD, card)
         return [self.folder / CARD]
@@ -119,12 +112,12 @@ def choose(run: str, checkpoint: str | None = None) -> Choice:
 
     `checkpoint` is its name, such as "latest" (None: the best one, or the checkpoint file `run`).
     """
-    run = str(named_run(run))
+    run = str(loading.named_run(run))
     file = find_checkpoint(run)
     if Path(run).is_file():
         if file.parent.name != "checkpoints":
             return Choice(run, file.stem, {file.stem: file})
-        run = str(find_run(run))
+        run = str(loading.find_run(run))
     files = {file.stem: file for file in sorted(file.parent.glob("*.pt"))}
     name = checkpoint or file.stem
     if name not in files:
@@ -137,7 +130,7 @@ def _export(task: str | None, run: str, output: Path, tradeoff: Sequence[float])
     from ...exports.deployment import SETTINGS, deploy  # takes a while to import
     from ...exports.exporting import export, provenance, robot_of
 
-    policy = load(run, trust=True, env=task)  # its robots move already
+    policy = loading.load(run, trust=True, env=task)  # its robots move already
     robot, origin = robot_of(policy), {"run": provenance(run)}
     export(policy, output, "onnx", tradeoff, origin, robot)
     lacks = deploy(robot, output, policy.config.env, policy.objectives, tradeoff)
@@ -145,11 +138,7 @@ def _export(task: str | None, run: str, output: Path, tradeoff: Sequence[float])
 
 
 def decision_card(
-    run: str,
-    policy: Policy,
-    choice: requirements.Choice,
-    commands: Sequence[str],
-    seed: int = 0,
+    run: str, policy: Policy, choice: Chosen, commands: Sequence[str], seed: int = 0
 ) -> str:
     """Simulate a choice under other conditions, and describe it; returns HTML.
 

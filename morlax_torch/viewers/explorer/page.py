@@ -70,7 +70,8 @@ class Page:
 
     def __init__(self, make: Callable[[Put], Exhibit], host: str, port: int):
         # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
-        self._queue: Queue[Request | Callable[[], None]] = Queue()
+        self._queue: Queue[Callable[[], None]] = Queue()
+        self._opening: Request = {}  # the latest request to open a run
         self._exhibit = make(self._queue.put)
         self._paused, self._pace = False, 1.0
         self._failure: str | None = None  # why the robots paused by themselves
@@ -93,10 +94,14 @@ class Page:
                 self._show()
             if now >= frame:
                 frame = now + FRAME
-                self._draw()
+                poses = frame_bytes(self._exhibit.behaviors)
+                if poses is not None:
+                    self._server.send(poses)
             waits = [behavior.until_next(pace) for behavior in self._exhibit.behaviors]
             wait = min(*waits, MAX_LAG, frame - time.perf_counter())
-            self._work(drained(self._queue, max(wait, 0.0)))
+            for action in drained(self._queue, max(wait, 0.0)):
+                self._attempt(action)
+                shown = 0.0  # before other robots' poses are sent, browsers must know the robots
 
     def stop(self) -> None:
         """Disconnect the browsers."""
@@ -107,20 +112,17 @@ class Page:
             behavior.advance(now, pace)
 
     def _hear(self, tab: ServerConnection, message: str | bytes | None) -> None:
-        """Queue a browser's request; the server calls this in its own thread."""
+        """Queue a browser's request, if it is one of `ACTS`; called in the server's thread."""
         if message is None:
             self._queue.put(partial(self._show, tab))
-        elif request := accepted(message):
-            self._queue.put(request)
-
-    def _draw(self) -> None:
-        """Send where the robots are; before that, which robots these are."""
-        first = self._exhibit.behaviors[0]
-        if self._robot is not first.robot or self._drawn is not first.model:
-            self._show()
-        frame = frame_bytes(self._exhibit.behaviors)
-        if frame is not None:
-            self._server.send(frame)
+            return
+        try:
+            request = _READER.validate_json(message).model_dump()
+        except (ValidationError, RecursionError):
+            return
+        if request["act"] == "open":
+            self._opening = request
+        self._queue.put(partial(self._react, request))
 
     def _show(self, to: ServerConnection | None = None) -> None:
         """Send what has changed to all browsers, or everything to one."""
@@ -147,18 +149,11 @@ class Page:
         if news:
             self._server.send(json.dumps({"type": "state", **news}))
 
-    def _work(self, queued: list[Request | Callable[[], None]]) -> None:
-        """Do what browsers and other threads have asked for."""
-        last = {item["act"]: item for item in queued if isinstance(item, dict)}
-        for item in queued:
-            if not isinstance(item, dict):
-                self._attempt(item)
-            # to open a run takes a second; it is left out if another one follows
-            elif item["act"] != "open" or item is last["open"]:
-                self._attempt(partial(self._react, item))
-
     def _react(self, request: Request) -> None:
         match request:
+            # to open a run takes a second; it is left out if another one follows
+            case {"act": "open"} if request is not self._opening:
+                return
             case {"act": "pause", "on": on}:
                 self._paused, self._failure = on, None
             case {"act": "pace", "value": value}:
@@ -167,7 +162,6 @@ class Page:
                 self._exhibit.react(request)
                 if request["act"] == "open":
                     self._failure = None
-        self._show()
 
     def _attempt(self, action: Callable[[], object]) -> str | None:
         """Run `action`; if it fails, show the reason in all browsers and return it."""
@@ -182,14 +176,6 @@ class Page:
             return None
         self._server.send(json.dumps({"type": "tell", "text": text}))
         return text
-
-
-def accepted(message: str | bytes) -> Request | None:
-    """Return the request in a browser's message; None if the message is not one of the page's."""
-    try:
-        return _READER.validate_json(message).model_dump()
-    except (ValidationError, RecursionError):
-        return None
 
 
 def drained(queue: Queue, seconds: float) -> list:

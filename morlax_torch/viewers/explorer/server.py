@@ -9,7 +9,6 @@ import errno
 import gzip
 import hmac
 import logging
-import mimetypes
 import re
 import secrets
 import socket
@@ -17,6 +16,7 @@ import threading
 from collections.abc import Callable, Mapping
 from functools import cache
 from http import HTTPStatus
+from pathlib import Path
 
 from ...envs import MorlaxError
 from ...envs.errors import installation
@@ -36,7 +36,7 @@ LARGEST = 2**16  # bytes of a browser's message; the page needs a few hundred
 BEHIND = 2**20  # bytes that a tab has not received yet, above which it misses frames
 PARTING = 1.0  # s to wait for tabs when the server stops; they may not read, or not answer
 MOST_TAKEN = 20  # ports in a row that other programs may use
-TYPES = {".js": "text/javascript", ".html": "text/html; charset=utf-8"}
+TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 LOCALHOST = ("localhost", "127.0.0.1", "::1")
 EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # and how this machine's browser gets there
 Hear = Callable[[ServerConnection, str | bytes | None], None]
@@ -130,8 +130,7 @@ class Server:
             moved = tab.respond(HTTPStatus.PERMANENT_REDIRECT, "")
             moved.headers["Location"] = f"/{self._token}/"
             return moved
-        ending = path[path.rfind(".") :] if path else ".html"
-        kind = TYPES.get(ending) or mimetypes.guess_type(path)[0] or "application/octet-stream"
+        kind = TYPES.get(Path(path).suffix, "text/plain") if path else "text/html; charset=utf-8"
         packed = "gzip" in request.headers.get("Accept-Encoding", "")
         body = self._packed(path) if packed else self._files[path]
         headers = Headers({"Content-Type": kind, "Content-Length": str(len(body))})
