@@ -77,7 +77,7 @@ def command(arguments: Sequence[str]) -> None:
         }
     if options.card is not None:
         with cli.Live():
-            from ..viewers.explorer.saving import decision_card
+            from ..viewers.explorer.library import decision_card
 
             typed = list(commands.values())
             page = decision_card(options.run, policy, choice, typed, options.seed)

@@ -44,8 +44,7 @@ class FollowingCamera:
         base: int | None = None,
     ):
         self.base = base_of(model) if base is None else base
-        self._model, self._geoms = model, robot_geoms(model, self.base)
-        self.camera = mujoco.MjvCamera()
+        self._model, self.camera = model, mujoco.MjvCamera()
         self.camera.azimuth, self.camera.elevation = direction(model)
         half = math.tan(math.radians(model.vis.global_.fovy) / 2)  # height at a distance of 1 m
         rooms = [min((x.right - x.left) * aspect, x.top - x.bottom) * half for x in areas]
@@ -78,7 +77,7 @@ class FollowingCamera:
 
     def _needed(self, data: mujoco.MjData, share: float) -> float:
         """Return the distance at which a ball around the robot fills a share of its area."""
-        ball = _reach(self._model, data, self._geoms, self._center)
+        ball = _radius(self._model, data, self.base, self._center)
         return ball * math.hypot(1.0, 1 / (share * self._room))
 
 
@@ -102,9 +101,9 @@ def direction(model: mujoco.MjModel) -> tuple[float, float]:
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    named = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
-    if named >= 0:
-        x, y, z = -data.cam_xmat[named].reshape(3, 3)[:, 2]
+    camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
+    if camera >= 0:
+        x, y, z = -data.cam_xmat[camera].reshape(3, 3)[:, 2]
         return math.degrees(math.atan2(y, x)), math.degrees(math.asin(np.clip(z, -1, 1)))
     hinge = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
     slide = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
@@ -124,24 +123,19 @@ def shown_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
     return (model.geom_group < HIDDEN_GROUP) & (opacity > 0)
 
 
-def robot_geoms(model: mujoco.MjModel, base: int) -> NDArray[np.intp]:
-    """Return the shown geoms of the base's tree; else all that move; else all with a size."""
+def reach(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, float]:
+    """Return the least height that the robot can reach in m, and the size of its pose in `data`."""
+    base = base_of(model)
+    radius = _radius(model, data, base, data.xpos[base])
+    return float(data.xpos[base, 2]) - radius, 2 * radius
+
+
+def _radius(model: mujoco.MjModel, data: mujoco.MjData, base: int, center: np.ndarray) -> float:
+    """Return how far the shown geoms of the base's tree reach; else all that move; else all."""
     moves = model.body_weldid[model.geom_bodyid] > 0
     sized = (model.geom_rbound > 0) & shown_geoms(model)
     ours = model.body_rootid[model.geom_bodyid] == model.body_rootid[base]
     masks = (sized & moves & ours, sized & moves, sized)
-    return np.flatnonzero(next((mask for mask in masks if mask.any()), sized))
-
-
-def reach(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, float]:
-    """Return the least height that the robot can reach in m, and the size of its pose in `data`."""
-    base = base_of(model)
-    radius = _reach(model, data, robot_geoms(model, base), data.xpos[base])
-    return float(data.xpos[base, 2]) - radius, 2 * radius
-
-
-def _reach(
-    model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.intp], center: NDArray[np.float64]
-) -> float:
+    geoms = next((mask for mask in masks if mask.any()), sized)
     away = np.linalg.norm(data.geom_xpos[geoms] - center, axis=1)
     return float((away + model.geom_rbound[geoms]).max(initial=0.1))

@@ -78,27 +78,22 @@ def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> d
     m, steps = len(front.objectives), front.lengths.clip(1)[:, None]
     if front.protocol == "discounted":
         steps = (1 - DISCOUNT**steps) / (1 - DISCOUNT)  # sum of the steps' weights
-    values = front.returns / (dt * steps)
-    names = [f"{name} per second" for name in front.objectives]
-    if front.quantities is not None:
-        values, names = np.hstack([values, front.quantities]), [*names, *front.quantity_names]
+    values = np.hstack([front.returns / (dt * steps), front.values[:, m:]])
+    names = [*(f"{name} per second" for name in front.objectives), *front.quantity_names]
     falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
     finite = np.flatnonzero(np.isfinite(values).all(0))
     values = values.round(4)
+
+    def measured(i: int) -> dict[str, Any]:
+        lower, numbers = names[i] in lower_is_better, values[:, i].tolist()
+        return {"index": i, "name": names[i], "lower": lower, "values": numbers}
+
     return {
         "tradeoffs": front.tradeoffs.round(4).tolist(),
         "axes": [names[i] for i in finite],
         "values": values[:, finite].tolist(),
         "returns": front.returns.round(2).tolist(),
-        "measured": [
-            {
-                "index": int(i),
-                "name": names[i],
-                "lower": names[i] in lower_is_better,
-                "values": values[:, i].tolist(),
-            }
-            for i in finite[finite >= m]
-        ],
+        "measured": [measured(int(i)) for i in finite[finite >= m]],
         "best": front.non_dominated.tolist(),
         "fails": (falls > FAILS).tolist(),
         "falls": falls.round(4).tolist(),

@@ -11,6 +11,8 @@ import urllib.request
 from pathlib import Path
 from typing import NamedTuple
 
+import yaml
+
 from ..envs import MorlaxError
 from ..host.files import make_folder, write_file
 from ..host.phases import phase
@@ -21,43 +23,20 @@ HERE = Path(__file__).parent
 
 
 class Library(NamedTuple):
+    """An entry of libraries.yaml."""
+
     package: str
     version: str
-    sha512: str  # of the archive, in base64
-    files: dict[str, str]  # path in the archive -> name in the page's folder
-    license: str | None = None  # our copy of the text, if the archive has none
+    sha512: str
+    files: dict[str, str]
+    license: str | None = None
+
+    @property
+    def name(self) -> str:
+        return self.package.rpartition("/")[2]
 
 
-LIBRARIES = (
-    Library(
-        "@mujoco/mujoco",
-        "3.14.0",
-        "WPUYidu4Fx8+uM4hQv80SOA0ifpWGrsNJguKs8JBV8SCTxjKQ2/rqsh880nUH0/Vwa8vuefghvCQkkoed3bkUg==",
-        {"mujoco.js": "mujoco.js", "mujoco.wasm": "mujoco.wasm"},
-        "Apache-2.0.txt",
-    ),
-    Library(
-        "three",
-        "0.185.1",  # later archives have no minified files, which are a third as large
-        "5aojFCXKwnjBRZvUnt3WFfEcvUJgkN5LlijRFN95hMy8WVkG4I0QNcJE+OuWvuJ0bOdStrbfXn0pkd6/QyiAlg==",
-        {
-            "build/three.module.min.js": "three.module.min.js",
-            "build/three.core.min.js": "three.core.min.js",
-            "examples/jsm/controls/OrbitControls.js": "OrbitControls.js",
-            "LICENSE": "three.LICENSE.txt",
-        },
-    ),
-    Library(
-        "onnxruntime-web",
-        "1.30.0",
-        "q0y+JrrtukXSzsBWEMccVfqX25LRmosXHF+CaRJmg8pZClzcV7svNc4rKY3jL02Vb7QmRMDs1SigqR4CXAfKYQ==",
-        {
-            "dist/ort.wasm.bundle.min.mjs": "ort.js",
-            "dist/ort-wasm-simd-threaded.wasm": "ort.wasm",
-        },
-        "MIT.txt",
-    ),
-)
+LIBRARIES = [Library(**entry) for entry in yaml.safe_load((HERE / "libraries.yaml").read_text())]
 
 
 def page_files(*packages: str) -> dict[str, bytes]:
@@ -78,8 +57,8 @@ def files(*packages: str) -> dict[str, bytes]:
         if packages and library.package not in packages:
             continue
         if library.license is not None:
-            name = f"{library.package.split('/')[-1]}.LICENSE.txt"
-            contents[name] = (HERE / "licenses" / library.license).read_bytes()
+            license = HERE / "licenses" / library.license
+            contents[f"{library.name}.LICENSE.txt"] = license.read_bytes()
         with tarfile.open(fileobj=io.BytesIO(_archive(library)), mode="r:gz") as archive:
             for path, name in library.files.items():
                 file = archive.extractfile(f"package/{path}")
@@ -88,15 +67,11 @@ def files(*packages: str) -> dict[str, bytes]:
     return contents
 
 
-def cache() -> Path:
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "morlax_torch" / "web"
-
-
 def _archive(library: Library) -> bytes:
-    name = f"{library.package.split('/')[-1]}-{library.version}.tgz"
-    kept, address = cache() / name, f"{REGISTRY}/{library.package}/-/{name}"
-    if kept.is_file() and _is_intact(data := kept.read_bytes(), library):
+    name = f"{library.name}-{library.version}.tgz"
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    copy, address = cache / "morlax_torch/web" / name, f"{REGISTRY}/{library.package}/-/{name}"
+    if copy.is_file() and _is_intact(data := copy.read_bytes(), library):
         return data
     phase(f"downloading {name}")
     try:
@@ -106,12 +81,12 @@ def _archive(library: Library) -> bytes:
         reason = getattr(error, "reason", None) or error
         raise MorlaxError(
             f"cannot download {address} ({reason}): connect to the internet once, or copy "
-            f"this file to {kept}."
+            f"this file to {copy}."
         ) from None
     if not _is_intact(data, library):
         raise MorlaxError(f"{address} was changed on the way (SHA-512): try another network.")
-    make_folder(kept.parent)
-    write_file(kept, data)
+    make_folder(copy.parent)
+    write_file(copy, data)
     return data
 
 

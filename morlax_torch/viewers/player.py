@@ -61,10 +61,8 @@ class Player:
 
     def place(self) -> None:
         """Update `data` from the state of `env.physics`."""
-        self.data.qpos[:] = self.env.physics.qpos[0].numpy()
-        self.data.qvel[:] = self.env.physics.qvel[0].numpy()
-        self.data.ctrl[:] = self.env.physics.ctrl[0].numpy()
-        self.data.act[:] = self.env.physics.act[0].numpy()
+        for name in ("qpos", "qvel", "ctrl", "act"):
+            getattr(self.data, name)[:] = getattr(self.env.physics, name)[0].numpy()
         parts = getattr(self.env.physics, "parts", {})  # mjlab's robots have none
         for name in parts.keys() & {"mocap_pos", "mocap_quat"}:
             getattr(self.data, name)[:] = parts[name][0][0].numpy()

@@ -21,12 +21,11 @@ from matplotlib.colors import to_rgb
 
 from morlax_torch.commands import explore
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs.loading import find_run
-from morlax_torch.viewers.explorer import library
+from morlax_torch.runs import loading
 
 
 def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refused):
-    monkeypatch.setattr(library, "SHIPPED", workplace)
+    monkeypatch.setattr(loading, "SHIPPED", workplace)
     assert "there is nothing to explore yet" in refused(explore)
     assert "runs/none does not exist" in refused(explore, "runs/none")
     (workplace / "run").mkdir()
@@ -363,7 +362,7 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
 @pytest.mark.slow
 def test_a_browser_finds_the_preferred_tradeoff(visit, tmp_path):
     view = visit()
-    front = Front.load(find_run("cheetah") / "front.npz")
+    front = Front.load(loading.find_run("cheetah") / "front.npz")
     show(view, "cheetah", 2)
 
     view.press("A or B?")

@@ -20,9 +20,8 @@ from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.comparisons import PolicyComparisons
-from morlax_torch.viewers.explorer.exhibits import Lineup, Thresholds
-from morlax_torch.viewers.explorer.saving import Saving
+from morlax_torch.viewers.explorer.comparisons import policy_questions
+from morlax_torch.viewers.explorer.exhibits import RunExhibit, Thresholds
 from morlax_torch.viewers.explorer.session import (
     PUSH,
     WEIGHT,
@@ -39,25 +38,23 @@ def session(tmp_path, make_run) -> Session:
     return Session.open(library.choose(str(make_run(tmp_path / "run", "hopper", "best"))))
 
 
-def play(session: Session, seconds: float) -> int:
+def play(session: Session, seconds: float, pace: float = 1.0) -> int:
     """Advance with a clock that ticks every 10 ms; returns the number of control steps."""
-    ticks = [session.advance(tick / 100) for tick in range(round(seconds * 100) + 1)]
+    ticks = [session.advance(tick / 100, pace) for tick in range(round(seconds * 100) + 1)]
     return sum(ticks)
 
 
 def test_a_robot_moves_in_real_time(session):
     assert play(session, 1.0) == round(1 / session.dt)
     session.reset()
-    assert session.seconds == 0
+    assert session.steps == 0
     assert not session.player.returns.any()
 
 
 def test_slow_motion_and_pause(session):
-    session.pace = 0.25
-    assert play(session, 2.0) == pytest.approx(0.5 / session.dt, abs=1)
+    assert play(session, 2.0, pace=0.25) == pytest.approx(0.5 / session.dt, abs=1)
     assert session.advance(3600.0) * session.dt <= 0.1 + 1e-9  # is not caught up with
-    session.paused = True
-    assert play(session, 1.0) == 0
+    assert play(session, 1.0, pace=0.0) == 0
 
 
 def test_a_new_tradeoff_acts_on_the_next_step(session):
@@ -75,9 +72,10 @@ def test_a_new_tradeoff_acts_on_the_next_step(session):
 def test_a_finished_episode_is_reported_and_a_new_one_starts(session):
     while session.last_episode is None:
         session.step()
-    assert session.seconds == pytest.approx(session.dt)
-    assert len(session.last_episode.returns) == 2
-    assert session.last_episode.fell == (session.last_episode.seconds < 200 * session.dt - 1e-9)
+    assert session.steps == 1
+    assert len(session.last_episode["returns"]) == 2
+    fell = session.last_episode["seconds"] < 200 * session.dt - 1e-9
+    assert session.last_episode["fell"] == fell
 
 
 def test_a_command_survives_resets_and_stays_within_its_limits(session, tmp_path, make_run):
@@ -148,30 +146,34 @@ def test_a_front_with_other_objectives_is_not_shown(tmp_path, make_run, make_fro
     assert Session.open(library.choose(str(folder))).front is None
 
 
-def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered(session):
-    lineup = Lineup(session, pytest.fail)
-    session.tradeoff = (0.9, 0.1)
-    play(session, 0.2)
-    lineup.add()
-    assert session.seconds == 0  # both start anew, so that their returns can be compared
-    lineup.steered.tradeoff = (0.2, 0.8)
-    assert [robot.tradeoff for robot in lineup.sessions] == [(0.9, 0.1), (0.2, 0.8)]
-    lineup.add()
-    lineup.add()
+def press(exhibit: RunExhibit, name: str) -> None:
+    exhibit.react({"act": "press", "name": name})
+
+
+def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered():
+    exhibit = RunExhibit(library.choose("hopper"), pytest.fail)
+    exhibit.react({"act": "steer", "weights": [9.0, 1.0]})
+    play(exhibit.behaviors[0], 0.2)
+    press(exhibit, "add")
+    assert exhibit.behaviors[0].steps == 0  # both start anew, so that their returns are comparable
+    exhibit.react({"act": "steer", "weights": [2.0, 8.0]})
+    assert [robot.tradeoff for robot in exhibit.behaviors] == [(0.9, 0.1), (0.2, 0.8)]
+    press(exhibit, "add")
+    press(exhibit, "add")
     with pytest.raises(MorlaxError, match="at most 4 robots"):
-        lineup.add()
-    lineup.selected = 0
+        press(exhibit, "add")
+    exhibit.react({"act": "select", "robot": 0})
     for _ in range(5):
-        lineup.remove()
-    assert [robot.tradeoff for robot in lineup.sessions] == [(0.2, 0.8)]
-    assert lineup.steered is lineup.sessions[0]
+        press(exhibit, "remove")
+    assert [robot.tradeoff for robot in exhibit.behaviors] == [(0.2, 0.8)]
+    assert exhibit.state()["selected"] == 0
 
 
 @pytest.mark.slow
 def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     policy = make_policy("cheetah", task={"episode_length": 100})
     front, requests, found = evaluate(policy, 16), Queue(), []
-    thresholds = Thresholds(policy, front, requests.put, found.append)
+    thresholds = Thresholds(Session(policy, front), front, requests.put, found.append)
     lowest, middle = np.quantile(front.returns[:, 0], [0, 0.5])
 
     def wait() -> None:
@@ -203,25 +205,28 @@ def test_files_are_written_while_the_robots_go_on(tmp_path, make_run):
     onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
     run = make_run(tmp_path / "run", "hopper", "best", "latest")
     requests = Queue()
-    saving = Saving(library.choose(str(run), "latest"), requests.put)
 
-    def wait() -> str:
-        assert saving.state()["busy"]
-        while saving.state()["busy"]:
+    def saved(exhibit: RunExhibit) -> str:
+        while exhibit.state()["saving"]["busy"]:
             requests.get(timeout=PATIENCE)()
-        return saving.state()["text"]
+        return exhibit.state()["saving"]["text"]
 
-    saving.export((0.25, 0.75))
-    saving.export((1.0, 0.0))  # while the first is written
-    assert wait().startswith(f"written: {run / 'policy.onnx'}")
+    exhibit = RunExhibit(library.choose(str(run), "latest"), requests.put)
+    for weights in ([1.0, 3.0], [1.0, 0.0]):  # the second while the first is written
+        exhibit.react({"act": "steer", "weights": weights})
+        press(exhibit, "export")
+    assert saved(exhibit).startswith(f"written: {run / 'policy.onnx'}")
     about = {p.key: p.value for p in onnx.load(run / "policy.onnx").metadata_props}
     assert json.loads(about["tradeoff"]) == [0.25, 0.75]
     latest = hashlib.sha256((run / "checkpoints/latest.pt").read_bytes()).hexdigest()
     assert json.loads(about["run"])["sha256"] == latest
 
-    saving = Saving(library.choose(str(run)), requests.put)
-    saving.card(choosing.choose(str(run), {}, "run", device="cpu"))
-    assert wait() == f"written: {run / 'decision.html'}"
+    exhibit = RunExhibit(library.choose(str(run)), requests.put)
+    exhibit.react({"act": "require", "index": 0, "level": -1e9})
+    while exhibit.state()["choosing"]["searching"]:
+        requests.get(timeout=PATIENCE)()
+    press(exhibit, "card")
+    assert saved(exhibit) == f"written: {run / 'decision.html'}"
     assert "As much run as possible" in (run / "decision.html").read_text()
 
 
@@ -298,8 +303,7 @@ def test_a_clip_repeats_its_positions_in_real_time(model):
         clip.step()
     assert seen == pytest.approx([0.0, 0.1, 0.2, 0.0])
     clip.advance(0.0)
-    clip.pace = 0.5
-    assert sum(clip.advance(tick / 100) for tick in range(1, 101)) == 10
+    assert sum(clip.advance(tick / 100, 0.5) for tick in range(1, 101)) == 10
     clip.reset()
     assert clip.data.xpos[2, 2] == 0.0
 
@@ -313,29 +317,26 @@ def test_a_clip_that_does_not_fit_the_robot_is_an_error(model, qpos):
 def test_answers_move_the_recommendation_to_the_preferred_end():
     session = Session.open(library.choose("cheetah"))
     front = session.front
-    source = PolicyComparisons(front, (session.twin(), session.twin()))
-    evidence = []
+    questions = policy_questions(front, (session.twin(), session.twin()))
+    robots, first = last = next(questions)
     for _ in range(9):
-        question = source.ask()
-        evidence.append(source.evidence)
-        a, b = front.tradeoffs[list(question.policies)]
-        source.answer(0 if a[0] > b[0] else 1)
-    question = source.ask()
-    evidence.append(source.evidence)
-    index, tradeoff = source.best()
+        a, b = front.tradeoffs[list(last[1]["policies"])]
+        last = questions.send(0 if a[0] > b[0] else 1)
+    evidence = last[1]
+    index = evidence["best"]
     run = front.returns[front.non_dominated, 0]
     assert front.returns[index, 0] > run.max() - 0.02 * np.ptp(run)
-    assert tradeoff == pytest.approx(front.tradeoffs[index])
+    assert evidence["best_tradeoff"] == pytest.approx(front.tradeoffs[index])
     # the evidence grows: fewer policies are possible, and fewer questions remain
-    assert evidence[-1]["best"] == index and index in evidence[-1]["possible"]
-    assert len(evidence[-1]["possible"]) < len(evidence[0]["possible"])
-    assert evidence[-1]["confidence"] > evidence[0]["confidence"]
-    assert evidence[-1]["left"] < evidence[0]["left"]
+    assert index in evidence["possible"]
+    assert len(evidence["possible"]) < len(first["possible"])
+    assert evidence["confidence"] > first["confidence"]
+    assert evidence["left"] < first["left"]
     # its robots act on the question's trade-offs
-    for robot, asked in zip(question.behaviors, question.policies, strict=True):
+    for robot, asked in zip(robots, evidence["policies"], strict=True):
         robot.step()
         assert robot.player.tradeoff.tolist() == pytest.approx(front.tradeoffs[asked])
-        assert robot.seconds == pytest.approx(robot.dt)
+        assert robot.steps == 1
 
 
 @pytest.mark.slow

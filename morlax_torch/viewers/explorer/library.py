@@ -1,19 +1,37 @@
-"""Policies that can be explored: shipped ones, and the runs under ./runs."""
+"""Policies that can be explored, shipped or of the runs under ./runs, and files written of them."""
 
+import shlex
+import signal
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
 from ...envs import MorlaxError
 from ...envs.errors import unknown
-from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND
-from ...runs.loading import RUNS, SHIPPED, find_checkpoint, find_run, named_run, newest_runs
+from ...envs.making import has_robot
+from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND, runs_code, title
+from ...evaluation.requirements import Choice as Chosen
+from ...evaluation.requirements import shown
+from ...host.files import write_file
+from ...host.version import __version__
+from ...networks.policy import Policy
+from ...runs import loading
+from ...runs.checkpoint import fingerprint
+from ...runs.loading import find_checkpoint
+from ...runs.references import named_task
+
+POLICY, CARD = "policy.onnx", "decision.html"
+BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
 def _folders() -> dict[str, Path]:
     """Return the folders of the shipped policies, then those of the runs, newest first, by name."""
-    shipped = sorted(folder.parent for folder in SHIPPED.glob("*/checkpoints"))
-    return {folder.name: folder for folder in shipped} | {str(x): x for x in newest_runs(RUNS)}
+    shipped = sorted(folder.parent for folder in loading.SHIPPED.glob("*/checkpoints"))
+    runs = loading.newest_runs(loading.RUNS)
+    return {folder.name: folder for folder in shipped} | {str(run): run for run in runs}
 
 
 def labels() -> dict[str, str]:
@@ -54,20 +72,88 @@ class Choice(NamedTuple):
     def file(self) -> Path:
         return self.files[self.checkpoint]
 
+    @property
+    def argument(self) -> str:
+        """What names the checkpoint in a command line: its run, or the file."""
+        return self.run if find_checkpoint(self.run) == self.file else str(self.file)
+
+    @property
+    def folder(self) -> Path:
+        """The folder to write files into: the run's, or the working directory if it is shipped."""
+        return loading.own_folder(self.file) or Path()
+
+    def export(self, tradeoff: Sequence[float], body: Policy | None = None) -> list[Path]:
+        """Write a trade-off's policy as ONNX, of another `body` if any; return the files.
+
+        Another process does it, because torch.export replaces functions that the robots' networks
+        run through.
+        """
+        run = self.argument
+        if body is not None:
+            run = str(self.folder / BODY)
+            loading.save(body, run)
+        ignore = signal.signal, (signal.SIGINT, signal.SIG_IGN)
+        with ProcessPoolExecutor(1, get_context("spawn"), *ignore) as pool:
+            arguments = named_task(self.folder), run, self.folder / POLICY, tradeoff
+            return pool.submit(_export, *arguments).result()
+
+    def write_card(self, policy: Policy, choice: Chosen) -> list[Path]:
+        """Write the decision card of a trade-off of this checkpoint; return the file."""
+        run = shlex.quote(self.argument) + (" --trust" if runs_code(policy.config.env) else "")
+        export = f"morlax export {run} --tradeoff {shown(choice.tradeoff)}"
+        commands = [export, f"morlax explore {run}"]
+        card = decision_card(self.argument, policy, choice, commands)
+        write_file(self.folder / CARD, card)
+        return [self.folder / CARD]
+
 
 def choose(run: str, checkpoint: str | None = None) -> Choice:
     """Find a checkpoint of a run, or raise MorlaxError.
 
     `checkpoint` is its name, such as "latest" (None: the best one, or the checkpoint file `run`).
     """
-    run = str(named_run(run))
+    run = str(loading.named_run(run))
     file = find_checkpoint(run)
     if Path(run).is_file():
         if file.parent.name != "checkpoints":
             return Choice(run, file.stem, {file.stem: file})
-        run = str(find_run(run))
+        run = str(loading.find_run(run))
     files = {file.stem: file for file in sorted(file.parent.glob("*.pt"))}
     name = checkpoint or file.stem
     if name not in files:
         raise unknown("checkpoint", name, files)
     return Choice(run, name, files)
+
+
+def _export(task: str | None, run: str, output: Path, tradeoff: Sequence[float]) -> list[Path]:
+    """Write a policy as `morlax export` does; `task` is a moved FILE.py:CLASS."""
+    from ...exports.deployment import SETTINGS, deploy  # takes a while to import
+    from ...exports.exporting import export, provenance, robot_of
+
+    policy = loading.load(run, trust=True, env=task)  # its robots move already
+    robot, origin = robot_of(policy), {"run": provenance(run)}
+    export(policy, output, "onnx", tradeoff, origin, robot)
+    lacks = deploy(robot, output, policy.config.env, policy.objectives, tradeoff)
+    return [output] if lacks is None else [output, output.with_name(SETTINGS)]
+
+
+def decision_card(
+    run: str, policy: Policy, choice: Chosen, commands: Sequence[str], seed: int = 0
+) -> str:
+    """Simulate a choice under other conditions, and describe it; returns HTML.
+
+    `commands` are command lines that use it. The policy ends on the CPU.
+    """
+    from ...reports.page import card  # takes a while to import
+    from ...runs.choosing import trials
+    from ..filming.recording import strip
+
+    tried, env = trials(policy, choice.tradeoff, seed), policy.config.env
+    facts = {
+        "run": run,
+        "checkpoint": str(find_checkpoint(run)),
+        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
+        "morlax-torch": __version__,
+    }
+    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
+    return card(title(env), choice, tried, facts, commands, picture)

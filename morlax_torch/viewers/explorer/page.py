@@ -8,14 +8,14 @@ from contextlib import suppress
 from functools import partial, reduce
 from operator import or_
 from queue import Empty, Queue
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError, create_model
+from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError, create_model
 
 from ...envs import MorlaxError
 from .. import libraries
-from .exhibits import Exhibit
-from .server import Heard, Server, ServerConnection
+from .exhibits import Exhibit, Request
+from .server import Server, ServerConnection
 from .session import MAX_LAG, Put, frame_bytes, model_bytes
 
 FRAME = 1 / 40  # s between frames
@@ -23,15 +23,13 @@ TELL = 1 / 10  # s between messages about anything but poses
 SLOWEST = 0.05  # playback speed
 _log = logging.getLogger(__name__)
 
-LONGEST = 400  # characters of a name, and numbers in a trade-off
-Name: Any = Annotated[str, Field(max_length=LONGEST)]
 Button = Literal[
     *("reset", "push", "add", "remove", "free", "export", "card", "measure"),
     *("find", "skip", "use", "again", "leave"),
 ]
 ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else is ignored
     # the selected robot's trade-off, which is scaled to sum to one
-    "steer": {"weights": Annotated[list[float], Field(max_length=LONGEST)]},
+    "steer": {"weights": list[float]},
     # numbers of all robots' command and design parameters of their body, clamped to their limits
     "tell": {"index": NonNegativeInt, "value": float},
     "nudge": {"index": NonNegativeInt, "change": float},
@@ -40,12 +38,12 @@ ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else 
     "pace": {"value": float},  # playback speed; 1 is real time
     "press": {"name": Button},
     "select": {"robot": NonNegativeInt},  # steer another robot
-    "open": {"run": Name, "checkpoint": Name | None},  # no checkpoint means the best
+    "open": {"run": str, "checkpoint": str | None},  # no checkpoint means the best
     # returns of objectives, then quantities; the level is clamped to the front's range
     "require": {"index": NonNegativeInt, "level": float | None},
     "maximize": {"index": NonNegativeInt},
     "answer": {"preferred": Literal[0, 1]},  # A or B
-    "bookmark": {"name": Name},  # of the selected robot's trade-off
+    "bookmark": {"name": str},  # of the selected robot's trade-off
 }
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 _model: Any = create_model  # a type checker cannot follow fields that a table has
@@ -72,7 +70,8 @@ class Page:
 
     def __init__(self, make: Callable[[Put], Exhibit], host: str, port: int):
         # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
-        self._queue: Queue[Heard | Callable[[], None]] = Queue()
+        self._queue: Queue[Callable[[], None]] = Queue()
+        self._opening: Request = {}  # the latest request to open a run
         self._exhibit = make(self._queue.put)
         self._paused, self._pace = False, 1.0
         self._failure: str | None = None  # why the robots paused by themselves
@@ -80,43 +79,50 @@ class Page:
         self._about, self._model = "", b""  # messages about it
         self._drawn: object = None  # its model, which a new body replaces
         self._state: dict[str, Any] = {}  # that they know
-        self._server = Server(files(), host, port, self._queue.put)
+        self._server = Server(files(), host, port, self._hear)
         self.address = self._server.address
 
     def serve(self, ended: Callable[[], bool]) -> None:
         """Move the robots in real time and serve browsers until `ended` returns true."""
         frame = shown = 0.0
         while not ended():
-            now = time.perf_counter()
-            if failure := self._attempt(partial(self._advance, now)):
+            now, pace = time.perf_counter(), 0.0 if self._paused else self._pace
+            if failure := self._attempt(partial(self._advance, now, pace)):
                 self._paused, self._failure = True, failure
             if now >= shown:
                 shown = now + TELL
                 self._show()
             if now >= frame:
                 frame = now + FRAME
-                self._draw()
-            waits = [behavior.until_next() for behavior in self._exhibit.behaviors]
+                poses = frame_bytes(self._exhibit.behaviors)
+                if poses is not None:
+                    self._server.send(poses)
+            waits = [behavior.until_next(pace) for behavior in self._exhibit.behaviors]
             wait = min(*waits, MAX_LAG, frame - time.perf_counter())
-            self._work(drained(self._queue, max(wait, 0.0)))
+            for action in drained(self._queue, max(wait, 0.0)):
+                self._attempt(action)
+                shown = 0.0  # before other robots' poses are sent, browsers must know the robots
 
     def stop(self) -> None:
         """Disconnect the browsers."""
         self._server.stop()
 
-    def _advance(self, now: float) -> None:
+    def _advance(self, now: float, pace: float) -> None:
         for behavior in self._exhibit.behaviors:
-            behavior.paused, behavior.pace = self._paused, self._pace
-            behavior.advance(now)
+            behavior.advance(now, pace)
 
-    def _draw(self) -> None:
-        """Send where the robots are; before that, which robots these are."""
-        first = self._exhibit.behaviors[0]
-        if self._robot is not first.robot or self._drawn is not first.model:
-            self._show()
-        frame = frame_bytes(self._exhibit.behaviors)
-        if frame is not None:
-            self._server.send(frame)
+    def _hear(self, tab: ServerConnection, message: str | bytes | None) -> None:
+        """Queue a browser's request, if it is one of `ACTS`; called in the server's thread."""
+        if message is None:
+            self._queue.put(partial(self._show, tab))
+            return
+        try:
+            request = _READER.validate_json(message).model_dump()
+        except (ValidationError, RecursionError):
+            return
+        if request["act"] == "open":
+            self._opening = request
+        self._queue.put(partial(self._react, request))
 
     def _show(self, to: ServerConnection | None = None) -> None:
         """Send what has changed to all browsers, or everything to one."""
@@ -138,28 +144,16 @@ class Page:
         if to is not None:
             for message in (self._about, self._model, json.dumps({"type": "state", **state})):
                 self._server.send(message, to)
-            self._server.join(to)
         news = {k: v for k, v in state.items() if k not in self._state or self._state[k] != v}
         self._state = state
         if news:
             self._server.send(json.dumps({"type": "state", **news}))
 
-    def _work(self, queued: list[Heard | Callable[[], None]]) -> None:
-        """Do what browsers and other threads have asked for."""
-        texts = [item.message if isinstance(item, Heard) else None for item in queued]
-        asked = [None if text is None else accepted(text) for text in texts]
-        opening = next((each for each in reversed(asked) if each and each["act"] == "open"), None)
-        for item, request in zip(queued, asked, strict=True):
-            if not isinstance(item, Heard):
-                self._attempt(item)
-            elif item.message is None:
-                self._attempt(partial(self._show, item.tab))
-            # to open a run takes a second; it is left out if another one follows
-            elif request is not None and (request is opening or request["act"] != "open"):
-                self._attempt(partial(self._react, request))
-
-    def _react(self, request: dict[str, Any]) -> None:
+    def _react(self, request: Request) -> None:
         match request:
+            # to open a run takes a second; it is left out if another one follows
+            case {"act": "open"} if request is not self._opening:
+                return
             case {"act": "pause", "on": on}:
                 self._paused, self._failure = on, None
             case {"act": "pace", "value": value}:
@@ -168,7 +162,6 @@ class Page:
                 self._exhibit.react(request)
                 if request["act"] == "open":
                     self._failure = None
-        self._show()
 
     def _attempt(self, action: Callable[[], object]) -> str | None:
         """Run `action`; if it fails, show the reason in all browsers and return it."""
@@ -183,14 +176,6 @@ class Page:
             return None
         self._server.send(json.dumps({"type": "tell", "text": text}))
         return text
-
-
-def accepted(message: str | bytes) -> dict[str, Any] | None:
-    """Return the request in a browser's message; None if the message is not one of the page's."""
-    try:
-        return _READER.validate_json(message).model_dump()
-    except (ValidationError, RecursionError):
-        return None
 
 
 def drained(queue: Queue, seconds: float) -> list:

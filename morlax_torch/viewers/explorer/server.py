@@ -9,7 +9,6 @@ import errno
 import gzip
 import hmac
 import logging
-import mimetypes
 import re
 import secrets
 import socket
@@ -17,7 +16,7 @@ import threading
 from collections.abc import Callable, Mapping
 from functools import cache
 from http import HTTPStatus
-from typing import NamedTuple
+from pathlib import Path
 
 from ...envs import MorlaxError
 from ...envs.errors import installation
@@ -37,64 +36,48 @@ LARGEST = 2**16  # bytes of a browser's message; the page needs a few hundred
 BEHIND = 2**20  # bytes that a tab has not received yet, above which it misses frames
 PARTING = 1.0  # s to wait for tabs when the server stops; they may not read, or not answer
 MOST_TAKEN = 20  # ports in a row that other programs may use
-TYPES = {".js": "text/javascript", ".html": "text/html; charset=utf-8"}
+TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 LOCALHOST = ("localhost", "127.0.0.1", "::1")
 EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # and how this machine's browser gets there
+Hear = Callable[[ServerConnection, str | bytes | None], None]
 
 
 def _in_address(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-class Heard(NamedTuple):
-    """A message of a browser's tab."""
-
-    tab: ServerConnection
-    message: str | bytes | None  # None: the tab has just connected, and `join` is due
-
-
 class Server:
     """Serves files and websockets, from a thread of its own; browsers open `address`.
 
     The files are given by path; "" is the page. The port may be the next free one; 0 selects any.
-    `put` is called with each message, in the server's thread. Raises MorlaxError if the address
-    cannot be listened on.
+    `hear` is called in the server's thread with each message of a tab, and with None when a tab has
+    connected. Raises MorlaxError if the address cannot be listened on.
     """
 
-    def __init__(
-        self, files: Mapping[str, bytes], host: str, port: int, put: Callable[[Heard], None]
-    ):
+    def __init__(self, files: Mapping[str, bytes], host: str, port: int, hear: Hear):
         self._socket = listening(host, port)
-        self._files, self._put = files, put
+        self._files, self._hear = files, hear
         self._token, self._tabs = secrets.token_urlsafe(24), set[ServerConnection]()
         # a page whose name resolves to this machine (DNS rebinding) names itself as the host
         self._hosts = {_in_address(name) for name in LOCALHOST} if host in LOCALHOST else None
         self._packed = cache(lambda path: gzip.compress(files[path]))
         self._loop, self._over = asyncio.new_event_loop(), asyncio.Event()
-        logging.getLogger("websockets.server").addFilter(_one_line)
+        # broken connections and requests that are not HTTP are no errors of ours
+        logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
         name, port = _in_address(EVERYWHERE.get(host, host)), self._socket.getsockname()[1]
         self.address = f"http://{name}:{port}/{self._token}/"
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        run = self._loop.run_until_complete
+        self._thread = threading.Thread(target=run, args=(self._listen(),), daemon=True)
         self._thread.start()
 
-    def _run(self) -> None:
-        async def listen() -> None:
-            options = {"process_request": self._answer, "max_size": LARGEST, "compression": None}
-            async with serve(self._talk, sock=self._socket, **options):  # type: ignore[arg-type]
-                await self._over.wait()
-
-        try:
-            self._loop.run_until_complete(listen())
-        finally:
-            self._loop.close()
+    async def _listen(self) -> None:
+        options = {"process_request": self._answer, "max_size": LARGEST, "compression": None}
+        async with serve(self._talk, sock=self._socket, **options):  # type: ignore[arg-type]
+            await self._over.wait()
 
     def send(self, message: str | bytes, to: ServerConnection | None = None) -> None:
-        """Send a message to one tab, or to all that joined; from any thread, without waiting."""
+        """Send a message to one tab, or to all that got one before; from any thread, at once."""
         self._loop.call_soon_threadsafe(self._send, message, to)
-
-    def join(self, tab: ServerConnection) -> None:
-        """Send a tab the messages to all, from now on."""
-        self._loop.call_soon_threadsafe(self._join, tab)
 
     def stop(self) -> None:
         """Disconnect the browsers and stop; a thread may still wait for those that do not read."""
@@ -103,21 +86,19 @@ class Server:
 
     def _send(self, message: str | bytes, to: ServerConnection | None) -> None:
         """Send; a tab whose connection is too slow misses poses, which others replace soon."""
+        if to is not None and to.state is State.OPEN:
+            self._tabs.add(to)
         # a broken connection is open until its handler has run, and asyncio logs what it gets
         tabs = [x for x in (self._tabs if to is None else [to]) if not x.transport.is_closing()]
         if to is None and isinstance(message, bytes):
             tabs = [tab for tab in tabs if tab.transport.get_write_buffer_size() < BEHIND]
         broadcast(tabs, message)
 
-    def _join(self, tab: ServerConnection) -> None:
-        if tab.state is State.OPEN:
-            self._tabs.add(tab)
-
     async def _talk(self, tab: ServerConnection) -> None:
         try:
-            self._put(Heard(tab, None))
+            self._hear(tab, None)
             async for message in tab:
-                self._put(Heard(tab, message))
+                self._hear(tab, message)
         except ConnectionClosed:
             pass
         finally:
@@ -149,8 +130,7 @@ class Server:
             moved = tab.respond(HTTPStatus.PERMANENT_REDIRECT, "")
             moved.headers["Location"] = f"/{self._token}/"
             return moved
-        ending = path[path.rfind(".") :] if path else ".html"
-        kind = TYPES.get(ending) or mimetypes.guess_type(path)[0] or "application/octet-stream"
+        kind = TYPES.get(Path(path).suffix, "text/plain") if path else "text/html; charset=utf-8"
         packed = "gzip" in request.headers.get("Accept-Encoding", "")
         body = self._packed(path) if packed else self._files[path]
         headers = Headers({"Content-Type": kind, "Content-Length": str(len(body))})
@@ -177,10 +157,3 @@ def listening(host: str, port: int) -> socket.socket:
                     "--host."
                 ) from None
             port += 1
-
-
-def _one_line(record: logging.LogRecord) -> bool:
-    """Log a broken connection as one line, and a request that is not HTTP not at all."""
-    if record.exc_info:
-        record.msg, record.exc_info = f"{record.msg}: {record.exc_info[1]!r}", None
-    return not record.msg.startswith("opening handshake failed")

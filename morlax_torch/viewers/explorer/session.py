@@ -1,10 +1,9 @@
 """Move one robot in real time, live or recorded, and encode its model and poses for the page."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -31,16 +30,15 @@ WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of 
 class Behavior(ABC):
     """The states of one MuJoCo robot over time, as a page shows them.
 
-    Callers may set `paused` and `pace` (1 is real time) at any time. `steps` are those since the
-    beginning. `robot` is the same object for behaviors that look alike and can stand side by side;
-    `data` is the current state, in which `step` updates positions of bodies; a step takes `dt` s.
+    `steps` are those since the beginning. `robot` is the same object for behaviors that look alike
+    and can stand side by side; `data` is the current state, in which `step` updates positions of
+    bodies; a step takes `dt` s.
     """
 
     def __init__(self, robot: object, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
         self.robot, self.model, self.data, self.dt = robot, model, data, dt
-        self.paused, self.pace, self.steps = False, 1.0, 0
+        self.steps, self._due = 0, 0.0
         self._clock: float | None = None
-        self._due = 0.0
 
     @abstractmethod
     def step(self) -> None:
@@ -59,23 +57,23 @@ class Behavior(ABC):
         """Describe its trade-off and its episode."""
         return {}
 
-    def advance(self, now: float) -> int:
-        """Take the steps that are due at clock time `now` in seconds; returns how many."""
+    def advance(self, now: float, pace: float = 1.0) -> int:
+        """Take the steps that are due at clock time `now` in seconds; returns how many.
+
+        A pace of 1 is real time, and of 0 a pause.
+        """
         elapsed = 0.0 if self._clock is None else now - self._clock
         self._clock = now
-        if self.paused:
-            return 0
-        self._due += min(elapsed, MAX_LAG) * self.pace
+        self._due += min(elapsed, MAX_LAG) * pace
         steps = int(self._due / self.dt + 1e-9)
         self._due -= steps * self.dt
         for _ in range(steps):
             self.step()
         return steps
 
-    def until_next(self) -> float:
+    def until_next(self, pace: float) -> float:
         """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
-        wait = MAX_LAG if self.paused else (self.dt - self._due) / self.pace
-        return min(max(wait, 0.0), MAX_LAG)
+        return min(max(self.dt - self._due, 0.0) / max(pace, 1e-9), MAX_LAG)
 
 
 class Clip(Behavior):
@@ -101,14 +99,6 @@ class Clip(Behavior):
         mujoco.mj_kinematics(self.model, self.data)
 
 
-class Episode(NamedTuple):
-    """The end of an episode."""
-
-    returns: list[float]  # (m,)
-    seconds: float
-    fell: bool
-
-
 class Session(Behavior):
     """A robot and its trade-off.
 
@@ -121,7 +111,7 @@ class Session(Behavior):
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.player = player = Player(policy, self.tradeoff, seed)
         super().__init__(policy, player.model, player.data, player.env.dt)
-        self.last_episode: Episode | None = None
+        self.last_episode: dict[str, Any] | None = None
         self.axes = horizontal(self.model, player.env.base)
         self._acting_on, self._opened = self.tradeoff, policy
         self._directions = np.random.default_rng(seed)
@@ -135,10 +125,9 @@ class Session(Behavior):
         return cls(policy, front if front and np.isfinite(front.returns).all() else None)
 
     def twin(self) -> Self:
-        """Return another robot with the same policy, trade-off, command and pace."""
+        """Return another robot with the same policy, trade-off and command."""
         twin = type(self)(self.player.policy, self.front)
-        twin._opened, twin.robot = self._opened, self.robot
-        twin.tradeoff, twin.paused, twin.pace = self.tradeoff, self.paused, self.pace
+        twin._opened, twin.robot, twin.tradeoff = self._opened, self.robot, self.tradeoff
         twin.player.command = list(self.player.command)
         return twin
 
@@ -163,19 +152,17 @@ class Session(Behavior):
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0
 
-    @property
-    def seconds(self) -> float:
-        """Simulated seconds since the episode began."""
-        return self.player.steps * self.dt
-
     def step(self) -> None:
         """Take one control step; if the episode is over, start a new one first."""
         player = self.player
         if self.tradeoff != self._acting_on:
             player.tradeoff = self._acting_on = self.tradeoff
         if player.over:
-            fell = player.steps < player.env.episode_length
-            self.last_episode = Episode(player.returns.tolist(), self.seconds, fell)
+            self.last_episode = {
+                "returns": _finite(player.returns),
+                "seconds": self.steps * self.dt,
+                "fell": self.steps < player.env.episode_length,
+            }
             self.reset()
         player.step()
         self.steps = player.steps
@@ -208,14 +195,14 @@ class Session(Behavior):
         }
 
     def told(self) -> dict[str, Any]:
-        last, velocity = self.last_episode, self.data.qvel[self.axes]
         return {
             "tradeoff": self.tradeoff,
-            "returns": _finite(self.player.returns.tolist()),
+            "returns": _finite(self.player.returns),
             "counted": self.steps,
-            "ended": last and {**last._asdict(), "returns": _finite(last.returns)},
-            "velocity": _finite(velocity.tolist()),  # m/s along x and, if it can move there, y
-            "power": _finite([self.power()])[0],
+            "ended": self.last_episode,
+            # m/s along x and, if it can move there, y
+            "velocity": _finite(self.data.qvel[self.axes]),
+            "power": _finite(self.power()),
         }
 
     def power(self) -> float:
@@ -223,9 +210,10 @@ class Session(Behavior):
         return float(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum())
 
 
-def _finite(values: list[float]) -> list[float]:
-    """Return numbers that JSON has."""
-    return [value if math.isfinite(value) else 0.0 for value in values]
+def _finite(values: ArrayLike) -> Any:
+    """Return plain numbers, with 0 in place of those that JSON lacks."""
+    values = np.asarray(values)
+    return np.where(np.isfinite(values), values, 0.0).tolist()
 
 
 def model_bytes(model: mujoco.MjModel) -> bytes:

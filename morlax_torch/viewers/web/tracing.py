@@ -1,5 +1,6 @@
 """Trace a task's control step into two graphs, before the physics and after it, and check them."""
 
+import operator
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from functools import partial
@@ -9,14 +10,15 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, fx, nn
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves, tree_map
 
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
 from ...envs.physics.mujoco import MujocoPhysics
 from ...exports.formats import onnx_model, onnxruntime, quiet
 from ...host.phases import phase
-from .recording import Draws, Recorder, Writes, flat, storage
 
 ARRAYS = {  # of `Physics`, and their names in mjData
     "qpos": "qpos",
@@ -28,7 +30,183 @@ ARRAYS = {  # of `Physics`, and their names in mjData
 }
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
 STEPS, EPISODES = 60, 3  # of the check
-TOLERANCE = 1e-4  # of numbers below 1; relative above
+TOLERANCE = 1e-4  # absolute plus relative
+
+aten = torch.ops.aten
+UNIFORM, NORMAL = {"from": 0.0, "to": 1.0}, {"mean": 0.0, "std": 1.0}
+# operations whose draws a page can repeat: kind, uniform and integer in [from, to), and defaults
+RANDOM = {
+    "aten::uniform_": ("uniform", UNIFORM),
+    "aten::normal_": ("normal", NORMAL),
+    "aten::random_.from": ("integer", UNIFORM),
+    "aten::rand.generator": ("uniform", UNIFORM),
+    "aten::randn.generator": ("normal", NORMAL),
+}
+
+
+def storage(tensor: Tensor) -> int:
+    """Return the identity of the memory that a tensor is a view of."""
+    return tensor.untyped_storage()._cdata
+
+
+def flat(tensor: Tensor) -> Tensor:
+    """Return a view (size,) of all the memory that a tensor is a view of."""
+    return torch.empty(0, dtype=tensor.dtype).set_(tensor.untyped_storage())
+
+
+def bound(func: Any, args: tuple, kwargs: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of an operation by name."""
+    names = (argument.name for argument in func._schema.arguments)
+    return dict(zip(names, args, strict=False)) | kwargs
+
+
+def written(func: Any, args: tuple, kwargs: dict[str, Any]) -> list[Tensor]:
+    """Return the tensors that an operation changes."""
+    values, schema = bound(func, args, kwargs), func._schema.arguments
+    changed = [values.get(a.name) for a in schema if a.alias_info and a.alias_info.is_write]
+    return [value for value in tree_leaves(changed) if isinstance(value, Tensor)]
+
+
+class Watch(TorchDispatchMode):
+    """Finds the tensors that are changed in place but existed before, and random numbers."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._new: dict[int, Tensor] = {}
+        self.storages: dict[int, Tensor] = {}  # changed ones by identity, as views (size,)
+        self.draws: list[Tensor] = []  # random numbers in order
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        result = func(*args, **(kwargs or {}))
+        inputs = {storage(x) for x in tree_leaves((args, kwargs)) if isinstance(x, Tensor)}
+        for tensor in tree_leaves(result):
+            if isinstance(tensor, Tensor) and storage(tensor) not in inputs:
+                self._new[storage(tensor)] = tensor  # kept, so that no other gets its identity
+        for tensor in written(func, args, kwargs or {}):
+            if storage(tensor) not in self._new:
+                self.storages.setdefault(storage(tensor), flat(tensor))
+        if torch.Tag.nondeterministic_seeded in func.tags:
+            self.draws.append(result.clone())
+        return result
+
+
+class Recorder(TorchDispatchMode):
+    """Records operations into a graph of the persisting tensors, which it reads and changes.
+
+    The `state` are the storages (size,) of these tensors by name, so that views stay views. Tensors
+    that no one changes become constants. Results of a `former` recorder may be needed here.
+    """
+
+    def __init__(self, state: dict[str, Tensor], former: "Recorder | None" = None):
+        super().__init__()
+        self.graph, self.root, self.former = fx.Graph(), nn.Module(), former
+        self.inputs: dict[str, Tensor] = {}  # in order, with values to trace with
+        self.outputs: dict[str, Any] = {}  # name -> node
+        self.carried: dict[str, Tensor] = {}  # results of `former` that are inputs here
+        self.draws: dict[str, dict[str, Any]] = {}  # kind and parameters by name
+        self._nodes: dict[int, tuple[fx.Node, Tensor]] = {}  # id -> node, and the tensor itself
+        self._names = {storage(values): name for name, values in state.items()}
+        self._state = state
+        self._bases: dict[str, fx.Node] = {}
+        self._changed: dict[str, None] = {}
+        self._dynamic: set[fx.Node] = set()
+        # inputs are found while recording, but belong before it
+        self._end_of_inputs = self.graph.call_function(torch.zeros, ((),))
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        kwargs = kwargs or {}
+        if func is aten._local_scalar_dense.default:
+            if self._node(args[0]) in self._dynamic:
+                raise MorlaxError("it reads a tensor's number into Python (.item(), or if)")
+            return func(*args)
+        if torch.Tag.nondeterministic_seeded in func.tags:
+            return self._draw(func, args, kwargs)
+        nodes = tree_map(lambda x: self._node(x) if isinstance(x, Tensor) else x, (args, kwargs))
+        result = func(*args, **kwargs)
+        node = self._call(func, *nodes)
+        self._keep(func, args, kwargs, result, node)
+        return result
+
+    def output(self, name: str, tensor: Tensor) -> None:
+        self.outputs[name] = self._node(tensor)
+
+    def module(self) -> fx.GraphModule:
+        """Return the graph as a module of `inputs`; it also returns the changed state."""
+        for name in self._changed:
+            self.outputs[name] = self._bases[name]
+        results = [self._call(aten.clone.default, (x,), {}) for x in self.outputs.values()]
+        self.graph.output(tuple(results))
+        self.graph.erase_node(self._end_of_inputs)
+        return fx.GraphModule(self.root, self.graph)
+
+    def _draw(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> Tensor:
+        schema = func._schema
+        operation = f"{schema.name}.{schema.overload_name}".rstrip(".")
+        if operation not in RANDOM:
+            raise MorlaxError(f"it draws random numbers with torch's {schema.name[6:]}")
+        (kind, defaults), values = RANDOM[operation], bound(func, args, kwargs)
+        parameters = [float(values.get(name, x)) for name, x in defaults.items()]
+        result, name = func(*args, **kwargs), f"random_{len(self.draws)}"
+        self.draws[name] = {"kind": kind, "parameters": parameters}
+        drawn = self._placeholder(name, result)
+        if schema.name.endswith("_"):
+            drawn = self._call(aten.copy_.default, (self._node(args[0]), drawn), {})
+        self._keep(func, args, kwargs, result, drawn)
+        return result
+
+    def _call(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> fx.Node:
+        node = self.graph.call_function(func, args, kwargs)
+        if any(x in self._dynamic for x in node.all_input_nodes):
+            self._dynamic.add(node)
+        return node
+
+    def _keep(self, func: Any, args: tuple, kwargs: dict, result: Any, node: fx.Node) -> None:
+        """Remember the node of an operation's result, and which state it has changed."""
+        for tensor in written(func, args, kwargs):
+            name = self._names.get(storage(tensor))
+            if name is not None:
+                self._changed[name] = None
+        if isinstance(result, Tensor):
+            self._nodes[id(result)] = node, result
+        elif isinstance(result, (list, tuple)):
+            for index, part in enumerate(result):
+                if isinstance(part, Tensor):
+                    picked = self._call(operator.getitem, (node, index), {})
+                    self._nodes[id(part)] = picked, part
+
+    def _node(self, tensor: Tensor) -> fx.Node:
+        if id(tensor) in self._nodes:
+            return self._nodes[id(tensor)][0]
+        name, former = self._names.get(storage(tensor)), self.former
+        if name is not None:
+            node = self._view(name, tensor)
+        elif former is not None and id(tensor) in former._nodes:
+            name = f"carried_{len(self.carried)}"
+            node = self._placeholder(name, tensor)
+            self.carried[name] = tensor
+        else:
+            name = f"constant_{len(list(self.root.buffers()))}"
+            self.root.register_buffer(name, tensor.detach().clone())
+            node = self.graph.get_attr(name)
+        self._nodes[id(tensor)] = node, tensor
+        return node
+
+    def _view(self, name: str, tensor: Tensor) -> fx.Node:
+        if name not in self._bases:
+            base = self._placeholder(name, self._state[name])
+            self._bases[name] = self._call(aten.clone.default, (base,), {})
+        if tensor.dtype != self._state[name].dtype or not tensor.is_contiguous():
+            raise MorlaxError("it keeps a strided view of a tensor that changes")
+        begin, end = tensor.storage_offset(), tensor.storage_offset() + tensor.numel()
+        part = self._call(aten.slice.Tensor, (self._bases[name], 0, begin, end), {})
+        return self._call(aten.view.default, (part, list(tensor.shape)), {})
+
+    def _placeholder(self, name: str, tensor: Tensor) -> fx.Node:
+        self.inputs[name] = tensor.detach().clone()
+        with self.graph.inserting_before(self._end_of_inputs):
+            node = self.graph.placeholder(name)
+        self._dynamic.add(node)
+        return node
 
 
 class PagePhysics(MujocoPhysics):
@@ -63,7 +241,7 @@ class OnnxGraph(NamedTuple):
     onnx: bytes
     inputs: dict[str, Tensor]  # by name, with example values
     outputs: tuple[str, ...]
-    draws: dict[str, Any]  # the inputs that are random: name -> `Draw`
+    draws: dict[str, dict[str, Any]]  # kind and parameters of the inputs that are random
 
 
 class Traced(NamedTuple):
@@ -80,11 +258,13 @@ class Traced(NamedTuple):
 
 
 def trace(env: Environment) -> Traced:
-    """Trace `env.step`; raises MorlaxError if no graph can express the task."""
+    """Trace `env.step` and check the graphs; raises MorlaxError if none can express the task."""
     try:
-        return _traced(env)
+        traced = _traced(env)
+        _check(env, traced)
     except MorlaxError as error:
         raise cannot(type(env), str(error)) from None
+    return traced
 
 
 def cannot(task: type[Environment], reason: str) -> MorlaxError:
@@ -100,23 +280,20 @@ def persisting(env: Environment, action: Tensor) -> dict[str, Tensor]:
     if env.command_limits:
         state["command"] = flat(env.command)
     named = {storage(values) for values in state.values()}
-    for act in (lambda: env.step(action), env.reset):
-        with Writes() as writes, torch.no_grad():
-            act()
-        for memory, values in writes.storages.items():
-            if memory not in named:
-                named.add(memory)
-                state[f"state_{len(state)}"] = values
-    return state
+    with Watch() as watch, torch.no_grad():
+        env.step(action)
+        env.reset()
+    others = [values for memory, values in watch.storages.items() if memory not in named]
+    return state | {f"state_{number}": values for number, values in enumerate(others)}
 
 
 def _traced(env: Environment) -> Traced:
     action = torch.zeros(1, env.action_size, dtype=torch.float32)
     state = persisting(env, action)
     env.reset()
-    before = Recorder(state)
-    before.input("action", action)
-    after = Recorder(state, before)
+    inputs = {**state, "action": flat(action)}
+    before = Recorder(inputs)
+    after = Recorder(inputs, before)
     simulate = env.physics.step
 
     def switch() -> None:
@@ -144,8 +321,6 @@ def _graph(recorder: Recorder) -> OnnxGraph:
             program = torch.export.export(module, tuple(inputs.values())).run_decompositions({})
             results = [f"next_{name}" for name in outputs]  # ONNX needs names of their own
             model = onnx_model(program, results, tuple(inputs))
-        except MorlaxError:
-            raise
         except Exception as error:  # torch's exporters raise errors of many kinds
             raise MorlaxError(str(error)[:LONGEST]) from error
     for node in model.graph.node:
@@ -155,33 +330,31 @@ def _graph(recorder: Recorder) -> OnnxGraph:
     return OnnxGraph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))
 
 
-def check(env: Environment, traced: Traced, generator: torch.Generator) -> float:
+def _check(env: Environment, traced: Traced) -> None:
     """Compare the graphs with `env.step` for some episodes of random actions.
 
-    Both start each step from the task's state and get its draws. Returns the largest difference,
-    relative where numbers exceed 1; raises MorlaxError if it is more than TOLERANCE.
+    Both start each step from the task's state and get its draws. Raises MorlaxError if they differ.
     """
     start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
     sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
     values: dict[str, np.ndarray] = {}  # of all inputs and outputs of the graphs, by name
-    simulate, largest = env.physics.step, 0.0
+    simulate, generator = env.physics.step, torch.Generator().manual_seed(0)
 
     def copy(names: Iterable[str]) -> None:
         values.update({name: traced.state[name].numpy().copy() for name in names})
 
     def run(graph: OnnxGraph, draws: list[Tensor], results: Mapping[str, Tensor]) -> None:
-        nonlocal largest
         values.update({name: x.numpy() for name, x in zip(graph.draws, draws, strict=True)})
         inputs = {name: values[name] for name in graph.inputs}
         outputs = sessions[id(graph)].run(None, inputs)
         values.update(zip(graph.outputs, outputs, strict=True))
         for name, exact in {**traced.state, **results}.items():
             if name in graph.outputs:
-                largest = max(largest, _gap(env, name, exact.numpy(), values[name]))
+                _compare(name, exact.numpy().ravel(), values[name].ravel())
 
     def switch() -> None:
-        run(traced.before, draws.values, {})
-        draws.values.clear()
+        run(traced.before, watch.draws, {})
+        watch.draws.clear()
         simulate()
         copy(ARRAYS)
 
@@ -192,24 +365,18 @@ def check(env: Environment, traced: Traced, generator: torch.Generator) -> float
             uniform = torch.rand(1, env.action_size, generator=generator, dtype=torch.float32)
             action = 2 * uniform - 1 if episode else torch.zeros_like(uniform)
             copy(traced.state)
-            values["action"] = action.numpy()
-            with Draws() as draws, torch.no_grad(), patch.object(env.physics, "step", switch):
+            values["action"] = action.numpy().ravel()
+            with Watch() as watch, torch.no_grad(), patch.object(env.physics, "step", switch):
                 step = env.step(action)
             results = {name: getattr(step, name) for name in RESULTS}
             results["terms"] = torch.stack([*step.terms.values()], -1)
-            run(traced.after, draws.values, results)
-    return largest
+            run(traced.after, watch.draws, results)
 
 
-def _gap(env: Environment, name: str, exact: np.ndarray, traced: np.ndarray) -> float:
-    """Return the largest difference, or raise MorlaxError if it is too large."""
-    exact, traced = (x.astype(np.float64).ravel() for x in (exact, traced))
-    gaps = np.abs(exact - traced) / np.maximum(1.0, np.abs(exact))
-    gap = float(np.where(np.isnan(exact) & np.isnan(traced), 0.0, gaps).max(initial=0.0))
-    if not gap <= TOLERANCE:
-        raise cannot(
-            type(env),
-            f"its traced {name} differs by {gap:.1e}; keep all state in tensors that are "
-            "changed in place, and compute with torch only",
+def _compare(name: str, exact: np.ndarray, traced: np.ndarray) -> None:
+    exact, traced = exact.astype(np.float64), traced.astype(np.float64)
+    if not np.allclose(traced, exact, TOLERANCE, TOLERANCE, equal_nan=True):
+        raise MorlaxError(
+            f"its traced {name} differs by {np.abs(exact - traced).max():.1e}; keep all state in "
+            "tensors that are changed in place, and compute with torch only"
         )
-    return gap

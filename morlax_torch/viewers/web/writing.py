@@ -6,7 +6,6 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +13,6 @@ from unittest.mock import patch
 
 import mujoco
 import numpy as np
-import torch
 from torch import Tensor
 
 from ...envs import Environment, MorlaxError
@@ -30,9 +28,8 @@ from ...runs.evaluating import front_of
 from ...runs.loading import bookmarks, load
 from .. import libraries
 from ..describing import array_bytes, described_task, drawn_arrays, front_map
-from ..player import PUSH
-from .recording import storage
-from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, cannot, check, trace
+from ..player import PUSH, Player
+from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, cannot, trace
 
 # Arrays of mjModel that the physics depends on, and the names that their versions share.
 PHYSICAL = re.compile(
@@ -59,7 +56,24 @@ class WebModel(NamedTuple):
 
 def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjModel, WebModel]:
     """Compile a task's model, in any way that MuJoCo offers, and describe it."""
-    with _watching() as made:
+    made: list[tuple[mujoco.MjModel, mujoco.MjSpec]] = []
+
+    def noting(owner: type, name: str, spec_of: Callable[..., mujoco.MjSpec]) -> Any:
+        """Note every model that is compiled in one way, with a copy of its spec."""
+        compile_ = getattr(owner, name)
+
+        def substitute(source: Any, *assets: Any, **named: Any) -> mujoco.MjModel:
+            model = compile_(source, *assets, **named)
+            made.append((model, spec_of(source, **({"assets": assets[0]} if assets else named))))
+            return model
+
+        return patch.object(owner, name, substitute)
+
+    with (
+        noting(mujoco.MjSpec, "compile", mujoco.MjSpec.copy),
+        noting(mujoco.MjModel, "from_xml_path", mujoco.MjSpec.from_file),
+        noting(mujoco.MjModel, "from_xml_string", mujoco.MjSpec.from_string),
+    ):
         model = task.compile_model(options)
     if not made:
         ways = "MjModel.from_xml_path, MjModel.from_xml_string or MjSpec.compile"
@@ -78,44 +92,21 @@ def _portable(model: mujoco.MjModel, spec: mujoco.MjSpec) -> WebModel:
     spec.assets = assets
     spec.compile()  # only a compiled spec can be written
     xml = INPUT_OF_PLAIN_ACTUATORS.sub(r"\1", spec.to_xml())
-    again = mujoco.MjModel.from_xml_string(xml, assets)
-    fields = {}
-    for name in dir(model):
-        values = getattr(model, name, None)
-        if not isinstance(values, np.ndarray):
-            continue
-        copied = getattr(again, name)
-        if values.shape != copied.shape:
+    again, fields = mujoco.MjModel.from_xml_string(xml, assets), {}
+    for name, values in _arrays(model).items():
+        if values.shape != getattr(again, name).shape:
             raise ValueError(f"its {name} has another size after it was saved as XML")
         if PHYSICAL.fullmatch(name) and values.dtype.kind == "f" and values.size:
             fields[name] = values.ravel().tolist()
-    options = {k: getattr(model.opt, k) for k in dir(model.opt) if not k.startswith("_")}
-    arrays = {k: x.tolist() for k, x in options.items() if isinstance(x, np.ndarray)}
-    numbers = {k: x for k, x in options.items() if isinstance(x, (int, float))}
+    arrays = {name: values.tolist() for name, values in _arrays(model.opt).items()}
+    numbers = {k: getattr(model.opt, k) for k in dir(model.opt) if not k.startswith("_")}
+    numbers = {k: x for k, x in numbers.items() if isinstance(x, (int, float))}
     return WebModel(xml, assets, fields, arrays | numbers)
 
 
-@contextmanager
-def _watching() -> Iterator[list[tuple[mujoco.MjModel, mujoco.MjSpec]]]:
-    """Note every model that is compiled in the block, with a copy of its spec."""
-    made: list[tuple[mujoco.MjModel, mujoco.MjSpec]] = []
-
-    def noting(owner: type, name: str, spec_of: Callable[..., mujoco.MjSpec]) -> Any:
-        compile_ = getattr(owner, name)
-
-        def substitute(source: Any, *assets: Any, **named: Any) -> mujoco.MjModel:
-            model = compile_(source, *assets, **named)
-            made.append((model, spec_of(source, **({"assets": assets[0]} if assets else named))))
-            return model
-
-        return patch.object(owner, name, substitute)
-
-    with (
-        noting(mujoco.MjSpec, "compile", mujoco.MjSpec.copy),
-        noting(mujoco.MjModel, "from_xml_path", mujoco.MjSpec.from_file),
-        noting(mujoco.MjModel, "from_xml_string", mujoco.MjSpec.from_string),
-    ):
-        yield made
+def _arrays(struct: Any) -> dict[str, np.ndarray]:
+    values = {name: getattr(struct, name, None) for name in dir(struct)}
+    return {name: x for name, x in values.items() if isinstance(x, np.ndarray)}
 
 
 def _flattened(spec: mujoco.MjSpec) -> Iterator[tuple[str, bytes]]:
@@ -145,8 +136,7 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
     onnxruntime()  # fails at once without the extra
     folder = Path(os.path.abspath(folder))
     with making(folder) as draft:
-        contents = libraries.page_files()
-        listed: list[dict[str, Any]] = []
+        contents, listed = libraries.page_files(), list[dict[str, Any]]()
         titles = Counter[str]()
         for index, run in enumerate(runs):
             part = draft / f"runs/{index}"
@@ -165,8 +155,7 @@ def write_page(runs: Sequence[str], folder: Path, device: str | None = None) -> 
             (draft / path).parent.mkdir(exist_ok=True)
             (draft / path).write_bytes(data)
         shared = sum(_compress(file) for file in (draft / "libraries").glob("*.wasm"))
-        rows = [{**robot, "shared": shared} for robot in listed]
-        (draft / "runs.json").write_text(json.dumps(rows))
+        (draft / "runs.json").write_text(json.dumps([{**x, "shared": shared} for x in listed]))
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
@@ -186,9 +175,8 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     env, model = build(policy)
     phase("tracing the task")
     traced = trace(env)
-    check(env, traced, torch.Generator().manual_seed(0))
     folder.mkdir(parents=True)
-    (folder / START).write_bytes(start(policy, env))
+    (folder / START).write_bytes(start(policy))
     export(policy, folder / "policy.onnx")
     for name, graph in (("before", traced.before), ("after", traced.after)):
         (folder / f"{name}.onnx").write_bytes(graph.onnx)
@@ -219,27 +207,20 @@ def build(policy: Policy) -> tuple[Environment, WebModel]:
     return env, text
 
 
-def start(policy: Policy, env: Environment) -> bytes:
+def start(policy: Policy) -> bytes:
     """Record the robot with even weights, from the task's first state."""
-    model = env.physics.model
-    data = mujoco.MjData(model)
-    act = policy.specialize([1 / len(policy.objectives)] * len(policy.objectives))
-    stride = max(round(FRAME / env.dt), 1)
-    observation, over = env.reset(), False
+    player = Player(policy, [1.0] * len(policy.objectives))
+    model, dt = player.model, player.env.dt
+    stride = max(round(FRAME / dt), 1)
     places, turns = [], []
-    for step in range(round(SECONDS / env.dt) + 1):
-        data.qpos[:] = env.physics.qpos[0].numpy()
-        mujoco.mj_kinematics(model, data)
-        if over or not np.isfinite(data.xpos).all():
-            break
-        if step % stride == 0:
-            places.append(data.xpos.copy())
-            turns.append(data.xquat.copy())
-        observation, _, terminated, truncated, *_ = env.step(act(observation))
-        over = bool(terminated | truncated)
+    while player.steps <= SECONDS / dt and np.isfinite(player.data.xpos).all() and not player.over:
+        if player.steps % stride == 0:
+            places.append(player.data.xpos.copy())
+            turns.append(player.data.xquat.copy())
+        player.step()
     poses = {"places": np.array(places), "turns": np.array(turns)}  # (T, nbody, 3 or 4)
-    sizes = {"nbody": model.nbody, "ngeom": model.ngeom, "followed": env.base}
-    return array_bytes({**drawn_arrays(model), **poses}, **sizes, dt=stride * env.dt)
+    sizes = {"nbody": model.nbody, "ngeom": model.ngeom, "followed": player.env.base}
+    return array_bytes({**drawn_arrays(model), **poses}, **sizes, dt=stride * dt)
 
 
 def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
@@ -247,7 +228,6 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
     many = STARTS if len(env.starts.states[0]) > 1 else 1
     command = None
     if env.command_limits:
-        assert storage(env.command) == storage(env.command[0])
         command = {
             "offset": env.command.storage_offset(),  # where the state named "command" has it
             "limits": {name: list(limits) for name, limits in env.command_limits.items()},
@@ -284,7 +264,7 @@ def _graph(graph: OnnxGraph) -> dict[str, Any]:
             for name, values in graph.inputs.items()
         },
         "outputs": list(graph.outputs),
-        "draws": {name: draw._asdict() for name, draw in graph.draws.items()},
+        "draws": graph.draws,
     }
 
 
