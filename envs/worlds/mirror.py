@@ -259,7 +259,8 @@ class _Comparison:
         """Compare links: bodies that move together."""
         model, data = self._model, self._data
         once = [pair for pair in links.items() if pair[0] <= pair[1]]
-        pairs = "body", *np.array(once, int).reshape(-1, 2).T
+        rows, partners = np.array(once, int).reshape(-1, 2).T
+        pairs = "body", rows, partners
         inertias = np.zeros((model.nbody, 10))
         np.add.at(inertias, model.body_weldid, data.cinert)  # xx, yy, zz, xy, xz, yz; m r; m
         inertia, moment, mass = np.split(inertias, [6, 9], 1)
@@ -419,7 +420,7 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
     far = _far((rewards[0] - rewards[1]).abs(), rewards[0].abs().mean(0), limit)
     for name in (name for name, each in zip(worlds.objectives, far, strict=True) if each):
         raise _cannot(f"its mirror image has other rewards of the objective {name}")
-    observation = _matching(*images, almost)
+    observation = _matching(images[0], images[1], almost)
     if (observation.order.diff() == 1).all() and (observation.sign > 0).all():
         raise _cannot("it has no left and right")
     return Mirror(observation, motion.motors)

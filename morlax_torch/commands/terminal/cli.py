@@ -1,5 +1,6 @@
 """Console, live progress of a command, and what happens to its errors."""
 
+import errno
 import gc
 import os
 import sys
@@ -100,6 +101,8 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if "--version" in arguments:
             print(f"morlax_torch {__version__}")
             return
+        if any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
+            raise MorlaxError("an argument is not valid UTF-8.")
         with exiting_on_signals(), exiting_when_stuck() if SEVERAL else nullcontext():
             main(arguments)
         torch = sys.modules.get("torch")
@@ -119,6 +122,9 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     except BrokenPipeError:  # the reader closed the pipe, as `head` does
         _silence_output()
     except OSError as error:
+        if error.filename is None and error.errno == errno.ENOSPC:
+            _silence_output()
+            fail("cannot print: no space left on the device that the output goes to.")
         named = (argument.rpartition("=")[2] for argument in arguments)
         if not any(name and str(error.filename).startswith(name) for name in named):
             raise  # of code that is not ours, such as a user's robot
