@@ -1,7 +1,6 @@
 """Compare evaluated runs: short names, comparability, quartiles."""
 
 from collections.abc import Mapping, Sequence
-from operator import ne
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -72,16 +71,16 @@ def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None =
     """
     (first, one), *others = policies.items()
     for name, other in others:
-        mine, theirs = (_options(policy, protocol) for policy in (one, other))
-        for option in mine:
-            values = mine[option], theirs[option]
-            if option == "task.learned" and all(values):  # every run has a file of its own
-                values = (read(value, "learned reward") for value in values)
-            if ne(*values):
+        theirs = _options(other, protocol)
+        for option, value in _options(one, protocol).items():
+            pair = [value, theirs[option]]
+            if option == "task.learned" and all(pair):  # every run has a file of its own
+                pair = [read(file, "learned reward") for file in pair]
+            if pair[0] != pair[1]:
                 raise MorlaxError(
-                    f"{first} and {name} differ in {option} ({mine[option]} and "
-                    f"{theirs[option]}), so their returns cannot be compared: evaluate them "
-                    "separately, or by one --protocol if they differ in that."
+                    f"{first} and {name} differ in {option} ({value} and {theirs[option]}), so "
+                    "their returns cannot be compared: evaluate them separately, or by one "
+                    "--protocol if they differ in that."
                 )
     return protocol or one.config.evaluation.protocol
 
@@ -113,8 +112,9 @@ def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, floa
 
 
 def quartiles(measured: Sequence[Mapping[str, float]]) -> dict[str, Quartiles]:
-    """Return the quartiles of every measure over runs, interpolated linearly between runs."""
+    """Return the quartiles of all runs' measures, interpolated linearly between runs."""
     return {
         name: Quartiles(*np.quantile([m[name] for m in measured], (0.25, 0.5, 0.75)).tolist())
         for name in measured[0]
+        if all(name in values for values in measured)
     }

@@ -22,7 +22,7 @@ from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_fold
 from . import comparison
 from .comparison import Evaluated
 from .page import words
-from .results import indicator_rows, write
+from .results import indicator_cells, write
 
 PROTOCOLS: dict[Protocol, str] = {
     "latched": "a return ends with the first failed step",
@@ -70,9 +70,7 @@ def evaluate_runs(
     def evaluated(policy: Policy) -> Front:
         return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
 
-    target = None
-    if reference is not None:
-        target = reference_front(reference, policies, protocol, evaluated)
+    target = reference_front(reference, policies, protocol, evaluated) if reference else None
     files = {name: find_checkpoint(run) for name, run in named.items()}
     fronts = {}
     for name, policy in policies.items():
@@ -80,17 +78,11 @@ def evaluate_runs(
             fronts[name] = evaluated(policy)._replace(checkpoint=files[name].name)
     if target is None and len(fronts) > 1:
         target = comparison.union(list(fronts.values()))
-    evaluations = {
-        name: Evaluated(
-            run,
-            policies[name],
-            fronts[name],
-            histories[name],
-            comparison.measures(fronts[name], target),
-            machines[name],
-        )
-        for name, run in named.items()
-    }
+    evaluations = {}
+    for name, run in named.items():
+        measures = comparison.measures(fronts[name], target)
+        facts = fronts[name], histories[name], measures, machines[name]
+        evaluations[name] = Evaluated(run, policies[name], *facts)
     show(evaluations)
     as_trained = protocol == first.config.evaluation.protocol and not is_changed(runs[0], first)
     # the files in a run's folder are of best.pt, evaluated as in training
@@ -101,17 +93,17 @@ def evaluate_runs(
         folder = output
     elif folder is None or other or not in_run:
         folder = unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
-    about = (
+    description = (
         f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on "
         f"{resolve_device(device)}, {f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
         f"Protocol {protocol}: {PROTOCOLS[protocol]}."
     )
     if target is not None:
         source = reference or "the non-dominated points of all runs"
-        about += f" Reference of IGD+: {source}, {len(target)} points."
+        description += f" Reference of IGD+: {source}, {len(target)} points."
     picture = portrait(first)
     phase("writing the report")
-    write(evaluations, folder, about, typed, picture)
+    write(evaluations, folder, description, typed, picture)
     if output is None and in_run:
         for name, front in fronts.items():
             front.save(front_path(files[name]))  # where `load_front` looks
@@ -151,15 +143,12 @@ def column_heads(names: Sequence[str]) -> list[str]:
 def table(evaluations: Mapping[str, Evaluated]) -> Table:
     """Return the indicators as a table for the terminal: of a few runs, or of all together."""
     number = len(evaluations)
-    heads = [f"median of {number}"] * (number > 1)
-    if number <= MOST_COLUMNS:
-        heads, columns = [*column_heads(list(evaluations)), *heads], slice(number + len(heads))
-    else:
-        heads, columns = [*heads, "quartiles"], slice(-2, None)
+    heads = [*column_heads(list(evaluations)), f"median of {number}", "quartiles"]
+    columns = slice(number + (number > 1)) if number <= MOST_COLUMNS else slice(number, None)
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("indicator", no_wrap=True)
-    for head in heads:
+    for head in heads[columns]:
         table.add_column(head, justify="right", no_wrap=True)
-    for name, *cells in indicator_rows(list(evaluations.values())):
+    for name, cells in indicator_cells(list(evaluations.values())).items():
         table.add_row(words(name), *cells[columns])
     return table

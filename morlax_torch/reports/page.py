@@ -18,37 +18,6 @@ from ..evaluation.requirements import Choice
 from ..evaluation.style import FILES, NON_DOMINATED
 from ..runs.choosing import CONDITIONS, Trial
 
-MEANINGS = {
-    "hypervolume": "volume between the reference point and the front; higher is better",
-    "hypervolume_approximate": "hypervolume, approximated by moocore; higher is better",
-    "sparsity": "mean squared gap between neighbors on the front; lower is denser",
-    "expected_utility": "mean over trade-offs of the best w · r on the front; higher is better",
-    "cardinality": "number of non-dominated policies",
-    "obedience": "share of trade-offs for which no other policy is clearly better than their own",
-    "fall_rate": "share of episodes in which the robot failed",
-    "blowup_rate": "share of episodes that left sane bounds, such as a state that is not finite",
-    "igd_plus": "mean distance by which the front falls short of the reference front; 0 is best",
-    "episode_length": "mean episode length in control steps",
-}
-
-
-@cache
-def _templates() -> Environment:
-    return Environment(
-        loader=PackageLoader(str(__package__), ""),
-        autoescape=lambda name: name is not None and name.endswith(".html"),
-        trim_blocks=True,
-        undefined=StrictUndefined,
-    )
-
-
-def rendered(template: str, **values: Any) -> str:
-    return _templates().get_template(template).render(values)
-
-
-def data_url(kind: str, content: bytes) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-
 
 def number(value: float) -> str:
     return f"{value:,.4g}"
@@ -58,9 +27,24 @@ def words(measure: str) -> str:
     return "IGD+" if measure == "igd_plus" else measure.replace("_", " ")
 
 
-def meaning(measure: str) -> str:
-    ends = {"_min": "lowest return of any policy", "_max": "highest return of any policy"}
-    return MEANINGS.get(measure) or ends.get(measure[-4:], "")
+@cache
+def _templates() -> Environment:
+    templates = Environment(
+        loader=PackageLoader(str(__package__), ""),
+        autoescape=lambda name: name is not None and name.endswith(".html"),
+        trim_blocks=True,
+        undefined=StrictUndefined,
+    )
+    templates.filters |= {"number": number, "words": words}
+    return templates
+
+
+def rendered(template: str, **values: Any) -> str:
+    return _templates().get_template(template).render(values)
+
+
+def data_url(kind: str, content: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def width(figure: Figure) -> str:
@@ -112,18 +96,12 @@ def svg(figure: Figure) -> str:
 def descriptions(front: Front) -> list[str]:
     """Return the trade-off, the returns and the measured quantities of every policy, as text."""
     shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-
-    def named(names: tuple[str, ...], values: np.ndarray, form: str) -> str:
-        pairs = zip(names, values.tolist(), strict=True)
-        return ", ".join(f"{name} {value:{form}}" for name, value in pairs)
-
+    names = front.objectives + front.quantity_names
     texts = []
-    for index, weights in enumerate(shares):
-        text = f"weights: {named(front.objectives, weights, '.2f')}"
-        text += f"; returns: {named(front.objectives, front.returns[index], ',.4g')}"
-        if front.quantities is not None:
-            text += f"; {named(front.quantity_names, front.quantities[index], ',.4g')}"
-        texts.append(text)
+    for weights, values in zip(shares.tolist(), front.values.tolist(), strict=True):
+        weighed = [f"{n} {w:.2f}" for n, w in zip(front.objectives, weights, strict=True)]
+        measured = [f"{n} {v:,.4g}" for n, v in zip(names, values, strict=True)]
+        texts.append(f"weights: {', '.join(weighed)}; returns: {', '.join(measured)}")
     return texts
 
 
@@ -140,39 +118,22 @@ def card(
     `trials` are the choice under other conditions, and `origin` texts such as the checkpoint, both
     by name. `commands` are command lines that use the choice, `strip` is a film strip as PNG.
     """
-    required, names = choice.required, choice.required.names
+    required = choice.required
     # a fall breaks every requirement
-    kept = {
-        name: trial.falls == 0 and bool(required.kept(trial.values[None])[0])
+    missed = [
+        name
         for name, trial in trials.items()
-    }
+        if trial.falls or not required.kept(trial.values[None])[0]
+    ]
     return rendered(
         "card.html",
         task=task,
-        limits=[(limit.sign, number(limit.level), names[limit.index]) for limit in required.limits],
-        maximized=names[required.maximized],
-        weights=[
-            f"{name} {weight:.1%}"
-            for name, weight in zip(choice.returns, choice.tradeoff, strict=True)
-        ],
+        choice=choice,
+        maximized=required.names[required.maximized],
         strip=strip and data_url("png", strip),
-        values=choice.rows(",.4g"),
-        cost=number(choice.cost),
-        most=number(choice.values[required.maximized] + choice.cost),
-        simulated=choice.simulated,
-        conditions=["condition", *(names[i] for i in required.used), "falls", "keeps all"],
-        trials=[
-            [
-                name,
-                *map(number, trial.values[required.used]),
-                f"{trial.falls:.0%}",
-                "yes" if kept[name] else "no",
-            ]
-            for name, trial in trials.items()
-        ],
-        episodes=max(trial.episodes for trial in trials.values()),
-        left_out=[name for name in CONDITIONS if name not in trials],
-        missed=[name for name in trials if not kept[name]],
+        trials=trials,
+        missed=missed,
+        conditions=CONDITIONS,
         origin=origin,
         commands=commands,
     )

@@ -1,6 +1,7 @@
 """Write the results of an evaluation: fronts, figures, tables and a report."""
 
 from collections.abc import Mapping, Sequence
+from datetime import timedelta
 from itertools import groupby
 from pathlib import Path
 
@@ -29,6 +30,7 @@ def facts(
     measures: Mapping[str, float],
     machines: Sequence[Machine] = (),
 ) -> dict[str, str]:
+    """Return how a run was trained, as texts by name."""
     texts = {
         "algorithm": config.algorithm,
         "random seed": str(config.seed),
@@ -36,10 +38,10 @@ def facts(
         "parallel worlds": f"{config.worlds:,}",
     }
     if history is not None:
-        texts["environment steps"] = steps(float(history.env_steps[-1]))
-        texts["training time"] = duration(float(history.train_seconds[-1]))
+        texts["environment steps"] = f"{history.env_steps[-1]:,.0f}"
+        texts["training time"] = str(timedelta(seconds=round(float(history.train_seconds[-1]))))
     name = hypervolume_in(measures)
-    texts[name.replace("_", ", ")] = f"{measures[name]:.4g}"
+    texts[name.replace("_", ", ")] = page.number(measures[name])
     if machines:  # each named as often as it follows another one
         for key, parts in (
             ("trained on", [machine.hardware() for machine in machines]),
@@ -47,21 +49,6 @@ def facts(
         ):
             texts[key] = "; then ".join(part for part, _ in groupby(parts))
     return texts
-
-
-def steps(number: float) -> str:
-    """Format a number of environment steps, such as 8,192 or 12.5 M."""
-    return f"{number:,.0f}" if number < 1e6 else f"{number / 1e6:,.1f} M"
-
-
-def duration(seconds: float) -> str:
-    """Format a time span, such as 42 s, 3 min 05 s or 2 h 10 min."""
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def write(
@@ -81,27 +68,29 @@ def write(
     runs, several = list(evaluations.values()), len(evaluations) > 1
     task = title(runs[0].policy.config.env)
     histories = [run.history for run in runs if run.history is not None]
+    protocols = {run.policy.config.evaluation.protocol for run in runs}
+
+    def save(path: Path, caption: str, figure: Figure) -> None:
+        figures.save(figure, path)
+        drawn.append((caption, figure))
+
     make_folder(folder)
     if several:
         overlaid = figures.fronts_figure({n: run.front for n, run in evaluations.items()}, task)
-        figures.save(overlaid, folder / "fronts")
-        drawn.append(
-            ("Fronts of all runs, without policies dominated within their own run.", overlaid)
-        )
-    if histories and len({run.policy.config.evaluation.protocol for run in runs}) == 1:
+        caption = "Fronts of all runs, without policies dominated within their own run."
+        save(folder / "fronts", caption, overlaid)
+    if histories and len(protocols) == 1:
         curves = figures.hypervolume_figure(histories, task)
-        figures.save(curves, folder / "hypervolume")
-        drawn.append(("Hypervolume during training.", curves))
+        save(folder / "hypervolume", "Hypervolume during training.", curves)
     for name, run in evaluations.items():
-        subfolder = folder / name if several else folder
+        subfolder, heading = folder / name if several else folder, f"{task}: {name}"
         make_folder(subfolder)
         run.front.save(subfolder / "front.npz")
         write_rows(subfolder / "front.csv", front_rows(run.front))
-        fronts[name] = figures.front_figure(run.front, f"{task}: {name}")
+        fronts[name] = figures.front_figure(run.front, heading)
         figures.save(fronts[name], subfolder / "front")
-        for stem, caption, figure in pictures(run.front, f"{task}: {name}"):
-            figures.save(figure, subfolder / stem)
-            drawn.append((f"{name}: {caption}", figure))
+        for stem, caption, figure in pictures(run.front, heading):
+            save(subfolder / stem, f"{name}: {caption}", figure)
     rows: list[list] = [["run", "path", "env", "seed", *runs[0].measures]]
     for name, run in evaluations.items():
         config = run.policy.config
@@ -112,18 +101,16 @@ def write(
         summary = quartiles([run.measures for run in runs])
         quarters = ([name, *three, len(runs)] for name, three in summary.items())
         write_rows(folder / "summary.csv", [heads, *quarters])
-    number = len(runs)
-    heading = f"{task}: {', '.join(evaluations) if number <= MOST_NAMES else f'{number} runs'}"
+    shown = ", ".join(evaluations) if len(runs) <= MOST_NAMES else f"{len(runs)} runs"
     told = {
         name: {"checkpoint": run.front.checkpoint}
         | facts(run.policy.config, run.history, run.measures, run.machines)
         for name, run in evaluations.items()
     }
-    settings = dict.fromkeys(name for texts in told.values() for name in texts)
     objectives = runs[0].front.objectives
     report = page.rendered(
         "report.html",
-        title=heading,
+        title=f"{task}: {shown}",
         verdict=verdict_of(evaluations),
         about=about,
         command=typed,
@@ -135,31 +122,29 @@ def write(
             for caption, figure in drawn
         ],
         runs=told,
-        settings=[[name, *(texts.get(name, "") for texts in told.values())] for name in settings],
+        settings=dict.fromkeys(name for texts in told.values() for name in texts),
         portrait=portrait and page.data_url("png", portrait),
         configs={name: write_yaml(run.policy.config) for name, run in evaluations.items()},
-        heads=["", *evaluations, *(("median", "quartiles") if several else ()), ""],
-        indicators=[
-            [page.words(name), *cells, page.meaning(name)] for name, *cells in indicator_rows(runs)
-        ],
+        indicators=indicator_cells(runs),
     )
     write_file(folder / "report.html", report)
 
 
-def indicator_rows(runs: Sequence[Evaluated]) -> list[list[str]]:
-    """Return each indicator's name and values, of several runs with the median and quartiles."""
-    rows = [[name, *(page.number(run.measures[name]) for run in runs)] for name in runs[0].measures]
+def indicator_cells(runs: Sequence[Evaluated]) -> dict[str, list[str]]:
+    """Return the values of each indicator, of several runs with the median and quartiles."""
+    measured = [run.measures for run in runs]
+    cells = {name: [page.number(values[name]) for values in measured] for name in measured[0]}
     if len(runs) > 1:
-        for row, values in zip(rows, quartiles([r.measures for r in runs]).values(), strict=True):
+        for name, values in quartiles(measured).items():
             low, median, high = map(page.number, values)
-            row += [median, f"{low} - {high}"]
-    return rows
+            cells[name] += [median, f"{low} - {high}"]
+    return cells
 
 
 def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
     """Return file name, caption and figure of every picture of one front beside that of itself."""
-    asked = "return of each objective against the trade-off."
-    drawn = [("returns", asked, figures.returns_figure(front, title))]
+    caption = "return of each objective against the trade-off."
+    drawn = [("returns", caption, figures.returns_figure(front, title))]
     if len(front.objectives) > 3:
         lines, best = len(figures.shown_lines(front)), int(front.non_dominated.sum())
         caption = f"the front, one line per policy: {lines} of {best}."

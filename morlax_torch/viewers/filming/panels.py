@@ -23,42 +23,33 @@ def dimmed(picture: Image.Image) -> Image.Image:
     return Image.blend(picture, Image.new("RGB", picture.size, PALE), 0.45)
 
 
+class Layout:
+    """The table of objectives on a picture; its numbers are in pixels."""
+
+    def __init__(self, rows: Sequence[Row], height: int):
+        size = max(11, height // 22)
+        self.font, self.small = _font(size), _font(round(0.8 * size))
+        self.pad, self.line = size // 2, round(1.35 * size)
+        wide = [max(map(self.font.getlength, column)) for column in zip(*rows, strict=True)]
+        wide[1] = max(wide[1], self.small.getlength(HEAD[1]))
+        wide[2] = max(wide[2], self.font.getlength("00,000"))  # keeps the table width constant
+        self.ends = np.cumsum(wide) + size * np.arange(2, 5)  # of the columns
+        self.right, self.bottom = float(self.ends[2]), 2 * self.pad + self.line * (1 + len(rows))
+
+
 def captioned(picture: Image.Image, rows: Sequence[Row], clock: str) -> Image.Image:
     """Return a copy with a table and the time, in words, drawn on it."""
-    picture = picture.copy()
-    size = _size(picture.height)
-    pad, line, font, small = size // 2, round(1.35 * size), _font(size), _font(round(0.8 * size))
-    right = _columns(rows, size)
-    draw = ImageDraw.Draw(picture, "RGBA")
-    table = (pad, pad, *table_corner(rows, picture.height))
-    draw.rounded_rectangle(table, radius=pad, fill=(*PAPER, 190))
-    for number, row in enumerate([HEAD, *rows]):
-        y = 1.5 * pad + (number + 0.5) * line
-        look = (INK, font) if number else (PALE, small)
-        draw.text((2 * pad, y), row[0], *look, anchor="lm")
-        for x, words in zip(right[1:] - pad, row[1:], strict=True):
-            draw.text((x, y), words, *look, anchor="rm")
-    draw.text((picture.width - pad, picture.height - pad), clock, INK, font, anchor="rs")
+    picture, table = picture.copy(), Layout(rows, picture.height)
+    draw, pad = ImageDraw.Draw(picture, "RGBA"), table.pad
+    draw.rounded_rectangle((pad, pad, table.right, table.bottom), pad, (*PAPER, 190))
+    for number, (name, *words) in enumerate([HEAD, *rows]):
+        y = 1.5 * pad + (number + 0.5) * table.line
+        look = (INK, table.font) if number else (PALE, table.small)
+        draw.text((2 * pad, y), name, *look, anchor="lm")
+        for x, text in zip(table.ends[1:] - pad, words, strict=True):
+            draw.text((x, y), text, *look, anchor="rm")
+    draw.text((picture.width - pad, picture.height - pad), clock, INK, table.font, anchor="rs")
     return picture
-
-
-def table_corner(rows: Sequence[Row], height: int) -> tuple[float, float]:
-    """Return the lower right corner of the table on a picture of this height, in pixels."""
-    size = _size(height)
-    line = round(1.35 * size)
-    return float(_columns(rows, size)[2]), 2 * (size // 2) + line * (1 + len(rows))
-
-
-def _columns(rows: Sequence[Row], size: int) -> NDArray:
-    font, small = _font(size), _font(round(0.8 * size))
-    wide = [max(map(font.getlength, column)) for column in zip(*rows, strict=True)]
-    wide[1] = max(wide[1], small.getlength(HEAD[1]))
-    wide[2] = max(wide[2], font.getlength("00,000"))  # keeps the table width constant
-    return np.cumsum(wide) + size * np.arange(2, 5)
-
-
-def _size(height: int) -> int:
-    return max(11, height // 22)
 
 
 def side_by_side(panels: Sequence[Image.Image], most: int = COLUMNS) -> NDArray[np.uint8]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from io import BytesIO
+from itertools import chain, product
 from pathlib import Path
 from shutil import which
 
@@ -66,8 +67,8 @@ class Film:
         bodies: Sequence[Mapping[str, float]] = (),
     ):
         check_size(width, height)
-        policies, shown = [policy.for_design(body) for body in bodies] or [policy], list(tradeoffs)
-        players = [Player(each, tradeoff, seed) for each in policies for tradeoff in shown]
+        policies = [policy.for_design(body) for body in bodies] or [policy]
+        players = [Player(*pair, seed) for pair in product(policies, tradeoffs)]
         self._takes = [Take(player, width, height) for player in players]
         self._size = width, height
         self.dt = self._takes[0].player.env.dt
@@ -146,8 +147,8 @@ class Take:
         self.failed = False
         self._frozen: Image.Image | None = None  # its picture since it failed
         # the robot stands right of the table or below it; in a small picture, anywhere
-        right, bottom = panels.table_corner(self._table(), height)
-        areas = [Area(0, 0, 1, 1 - bottom / height), Area(right / width, 0, 1, 1)]
+        table = panels.Layout(self._table(), height)
+        areas = [Area(0, 0, 1, 1 - table.bottom / height), Area(table.right / width, 0, 1, 1)]
         free = [area for area in areas if min(area.top, 1 - area.left) > 0.5]
         aspect = width / height
         self._camera = FollowingCamera(player.model, aspect, free or [WHOLE], player.env.base)
@@ -349,8 +350,7 @@ def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> 
         with subprocess.Popen(command, stdin=pipe, stderr=pipe) as process:
             assert process.stdin is not None
             with suppress(BrokenPipeError):  # ffmpeg failed; its stderr has the reason
-                process.stdin.write(first.tobytes())
-                for frame in frames:
+                for frame in chain([first], frames):
                     process.stdin.write(frame.tobytes())
             _, message = process.communicate()
         if process.returncode:

@@ -5,6 +5,7 @@ import struct
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -126,9 +127,8 @@ class Steering:
         elif key == ENTER:
             self.command = np.zeros(3)
 
-    def feel(self, event: bytes) -> None:
+    def feel(self, value: int, kind: int, number: int) -> None:
         """Follow an event of a gamepad: left stick to walk, right one to turn, any button."""
-        _, value, kind, number = EVENT.unpack(event)
         if kind == AXIS and number in STICKS:
             entry, share = STICKS[number], -value / FULL
             limit = self._high[entry] if share > 0 else -self._low[entry]
@@ -162,15 +162,15 @@ class Gamepad:
         with attempting(f"use the gamepad {path}"):
             self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
 
-    def events(self) -> list[bytes]:
-        """Return the events since the last call, or raise MorlaxError if it is unplugged."""
-        with attempting("read the gamepad"):
-            try:
-                data = os.read(self._file, 64 * EVENT.size)
-            except BlockingIOError:
-                return []
-        complete = len(data) // EVENT.size * EVENT.size
-        return [data[start : start + EVENT.size] for start in range(0, complete, EVENT.size)]
+    def events(self) -> list[tuple[int, ...]]:
+        """Return value, kind and number of the events since the last call.
+
+        Raises MorlaxError if the gamepad is unplugged.
+        """
+        data = b""
+        with attempting("read the gamepad"), suppress(BlockingIOError):
+            data = os.read(self._file, 64 * EVENT.size)  # whole events, as the driver writes them
+        return [event[1:] for event in EVENT.iter_unpack(data)]
 
 
 class Episode(NamedTuple):
@@ -272,11 +272,9 @@ def show(
     with window:
         while window.is_running() and (seconds is None or steps * robot.dt < seconds):
             for event in pad.events() if pad else ():
-                steering.feel(event)
+                steering.feel(*event)
             with window.lock():
-                if robot.step(policy.act(robot.observe(steering.command))).fallen:
-                    falls += 1
-                    robot.reset()
+                falls += _stepped(robot, policy, steering.command)
             window.set_texts((None, mujoco.mjtGridPos.mjGRID_TOPLEFT, *steering.words()))
             window.sync()
             steps += 1
@@ -286,6 +284,13 @@ def show(
             else:  # do not hurry to catch up
                 began -= late
     return falls
+
+
+def _stepped(robot: Robot, policy: Policy, command: Array) -> bool:
+    """Take a control step, and return whether the robot fell; then it starts again."""
+    if fallen := robot.step(policy.act(robot.observe(command))).fallen:
+        robot.reset()
+    return fallen
 
 
 def film(
@@ -321,10 +326,7 @@ def film(
                 phase("filming", step / steps)
                 if step % stride == 0:
                     yield scene.draw(robot.data, camera.camera)
-                command = wishes.command(step * robot.dt)
-                if robot.step(policy.act(robot.observe(command))).fallen:
-                    falls += 1
-                    robot.reset()
+                falls += _stepped(robot, policy, wishes.command(step * robot.dt))
                 camera.follow(robot.data, robot.dt)
 
     write_video(output, frames(), 1 / (robot.dt * stride))
