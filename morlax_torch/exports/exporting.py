@@ -153,20 +153,20 @@ def actuators(env: Robot) -> list[dict[str, Any]]:
 
     Gear and range are None where an action is not the control of one of the model's actuators.
     """
-    targets = env.targets()
+    targets, model = env.targets(), env.physics.model
     if targets is not None:
         rest = {"gear": None, "control_range": None}
         return [{"name": name, "joint": name, **rest} for name in targets]
-    model, rows = env.physics.model, []
+    rows = []
     for index in range(model.nu):
-        driven, limits = model.actuator_trnid[index, 0], model.actuator_ctrlrange[index]
-        of_joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
+        actuator = model.actuator(index)
+        of_joint = actuator.trntype[0] == mujoco.mjtTrn.mjTRN_JOINT
         rows.append(
             {
-                "name": model.actuator(index).name,
-                "joint": model.joint(driven).name if of_joint else None,
-                "gear": float(model.actuator_gear[index, 0]),
-                "control_range": limits.tolist() if model.actuator_ctrllimited[index] else None,
+                "name": actuator.name,
+                "joint": model.joint(actuator.trnid[0]).name if of_joint else None,
+                "gear": float(actuator.gear[0]),
+                "control_range": actuator.ctrlrange.tolist() if actuator.ctrllimited[0] else None,
             }
         )
     return rows
@@ -181,7 +181,7 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     scales = env.scales()
     if scales is not None:
         scale, offset = (torch.tensor(values, dtype=torch.float32) for values in scales)
-        return _plain(scale, offset, offset - scale.abs(), offset + scale.abs())
+        return _mapping(scale, offset, offset - scale.abs(), offset + scale.abs())
     if not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
         return None
 
@@ -197,9 +197,9 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     for action in 2 * draws - 1:
         if not torch.allclose(made(action), (offset + scale * action).clamp(low, high), atol=1e-5):
             return None
-    return _plain(scale, offset, low, high)
+    return _mapping(scale, offset, low, high)
 
 
-def _plain(*values: Tensor) -> dict[str, list[float]]:
-    names = ("scale", "offset", "low", "high")
-    return {name: value.tolist() for name, value in zip(names, values, strict=True)}
+def _mapping(scale: Tensor, offset: Tensor, low: Tensor, high: Tensor) -> dict[str, list[float]]:
+    tensors = {"scale": scale, "offset": offset, "low": low, "high": high}
+    return {name: tensor.tolist() for name, tensor in tensors.items()}

@@ -68,7 +68,7 @@ def base(tmp_path_factory) -> Path:
 def lesson(base, tmp_path_factory) -> Lesson:
     """Return a finished lesson on the height of the torso."""
     lesson = Lesson(str(base), tmp_path_factory.mktemp("lessons") / "tall", "tall", clips=20)
-    lesson.judge("height", 40)
+    lesson.comparisons.judge("height", 40, lesson.random)
     lesson.finish()
     return lesson
 
@@ -171,7 +171,7 @@ def test_a_reward_is_learned_from_comparisons():
     comparisons.judge("first", 200, np.random.default_rng(0))
     fitted = teaching.fit(comparisons)
     assert fitted.checked == 40 and fitted.accuracy > 0.85
-    steps = torch.cat(teaching.steps_of(comparisons), -1).flatten(0, 1)
+    steps = teaching.steps_of(comparisons).flatten(0, 1)
     rated = (fitted.reward.ratings(steps).mean(0) - fitted.reward.offset) / fitted.reward.unit
     means = rated.view(120, -1).mean(1).numpy()
     assert np.corrcoef(means, comparisons.clips.observation[:, :, 0].mean(1))[0, 1] > 0.9
@@ -185,7 +185,7 @@ def test_a_lesson_continues_with_its_answers(base, lesson):
     again = Lesson(str(base), lesson.folder, "tall", clips=20)
     assert again.comparisons.answers == lesson.comparisons.answers
     assert len(again.comparisons.clips.action) == len(lesson.comparisons.clips.action)
-    assert again.pair() not in lesson.comparisons.answers
+    assert again.comparisons.pair(again.random) not in lesson.comparisons.answers
 
 
 def test_a_lesson_s_objective_varies_as_much_as_the_others(lesson):

@@ -106,11 +106,11 @@ def questions(lesson: Lesson, most: int) -> ClipComparisons:
     def pairs() -> Iterator[list[ArrayLike]]:
         nonlocal pair
         for _ in range(most):
-            pair = lesson.pair()
+            pair = comparisons.pair(lesson.random)
             yield [comparisons.clips.qpos[clip] for clip in pair]
 
     def answered(_: int, preferred: int) -> None:
-        comparisons.answer(pair[preferred], pair[1 - preferred])
+        comparisons.answers.append((pair[preferred], pair[1 - preferred]))
         lesson.save()
 
     return ClipComparisons(robot.physics.model, robot.dt, pairs(), answered)

@@ -74,12 +74,11 @@ def record(policy: Policy, number: int, seed: int = 0) -> tuple[Clips, list[str]
     first = (draws * (latest + 1)).long().minimum(latest)
     times = first[:, None] + torch.arange(length + 1)
 
-    def cut(values: list[torch.Tensor], times: torch.Tensor = times) -> np.ndarray:
+    def cut(values: list[torch.Tensor], times: torch.Tensor) -> np.ndarray:
         return torch.stack(values)[times, rows[:, None]].float().numpy()
 
-    inside = times[:, :-1]
-    clips = Clips(cut(seen), cut(actions, inside), cut(positions), cut(terms, inside).sum(1))
-    return clips, names
+    action, sums = cut(actions, times[:, :-1]), cut(terms, times[:, :-1]).sum(1)
+    return Clips(cut(seen, times), action, cut(positions, times), sums), names
 
 
 @dataclass
@@ -99,14 +98,10 @@ class Comparisons:
         first, *others = np.lexsort([random.random(len(times)), times])
         return int(first), int(random.choice(others))
 
-    def answer(self, preferred: int, other: int) -> None:
-        """Note that one clip is preferred to another, both by index."""
-        self.answers.append((preferred, other))
-
     def joined(self, other: "Comparisons") -> "Comparisons":
         """Add clips, or raise MorlaxError if they are of another task or of another length."""
-        shapes = [[part.shape[1:] for part in each.clips] for each in (self, other)]
-        if other.task != self.task or other.terms != self.terms or shapes[0] != shapes[1]:
+        mine, others = ([part.shape[1:] for part in each.clips] for each in (self, other))
+        if (other.task, other.terms, others) != (self.task, self.terms, mine):
             raise MorlaxError(f"the clips are of {self.task}: use another folder for {other.task}.")
         clips = Clips(*map(np.concatenate, zip(self.clips, other.clips, strict=True)))
         return replace(self, clips=clips, sources=self.sources + other.sources)
@@ -118,7 +113,7 @@ class Comparisons:
         ratings = self.clips.terms[:, self.terms.index(term)]
         for _ in range(number):
             one, other = self.pair(random)
-            self.answer(*((one, other) if ratings[one] > ratings[other] else (other, one)))
+            self.answers.append((one, other) if ratings[one] > ratings[other] else (other, one))
 
     def save(self, path: AnyPath) -> None:
         """Write an .npz atomically, or raise MorlaxError."""
@@ -140,20 +135,16 @@ class Comparisons:
         try:
             with np.load(content) as arrays:
                 clips = Clips(*(arrays[name] for name in Clips._fields))
-                terms, answers = arrays["term_names"].tolist(), arrays["answers"]
-                task, sources = str(arrays["task"]), arrays["sources"].tolist()
-                objective = str(arrays["objective"]) or None
+                terms, sources = arrays["term_names"].tolist(), arrays["sources"].tolist()
+                answers = [(int(a), int(b)) for a, b in arrays["answers"]]
+                task, objective = str(arrays["task"]), str(arrays["objective"]) or None
             n, length = clips.action.shape[:2]
             sizes = [(n, length + 1), (n, length), (n, length + 1), (n, len(terms))]
-            fits = [part.shape[:2] for part in clips] == sizes
-            if not (fits and all(np.isfinite(part).all() for part in clips)):
-                raise ValueError("its clips do not fit together, or are not finite")
-            pairs = [(int(a), int(b)) for a, b in answers]
-            if not {clip for pair in pairs for clip in pair} <= set(range(n)):
-                raise ValueError("its answers are about clips that it does not have")
+            if [part.shape[:2] for part in clips] != sizes or np.max(answers, initial=0) >= n:
+                raise ValueError("its clips and answers do not fit together")
         except MemoryError:
             raise
         except Exception as error:  # numpy, zip and zlib each fail in their own way
             reason = " ".join(str(error).split())[:LONGEST].rstrip(".")
             raise MorlaxError(f"{path} is damaged or has no comparisons: {reason}.") from None
-        return cls(task, terms, clips, pairs, sources, objective)
+        return cls(task, terms, clips, answers, sources, objective)

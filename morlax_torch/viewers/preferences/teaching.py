@@ -50,9 +50,9 @@ def fit(comparisons: Comparisons, seed: int = 0) -> Fit:
     generator = torch.Generator().manual_seed(seed)
     order = torch.randperm(len(answers), generator=generator).numpy()
     checked = max(1, round(HELD_OUT * len(answers)))
-    before, action, after = steps_of(comparisons)
-    reward = LearnedReward(before.shape[-1], action.shape[-1], generator=generator)
-    steps = torch.cat([before, action, after], -1)  # (n, L, inputs)
+    observation, action, *_ = comparisons.clips
+    reward = LearnedReward(observation.shape[-1], action.shape[-1], generator=generator)
+    steps = steps_of(comparisons)
     flat = steps.flatten(0, 1)
     reward.mean.copy_(flat.mean(0))
     reward.scale.copy_(1 / flat.std(0).clamp(min=1e-4))
@@ -74,12 +74,12 @@ def save(reward: LearnedReward, path: Path) -> None:
         torch.save(reward.contents(), file)
 
 
-def steps_of(comparisons: Comparisons) -> tuple[Tensor, Tensor, Tensor]:
-    """Return evenly sampled steps of all clips: observations, actions and next observations."""
+def steps_of(comparisons: Comparisons) -> Tensor:
+    """Return evenly sampled steps (n, L, inputs) of all clips, as `LearnedReward` takes them."""
     observation, action = (torch.from_numpy(part) for part in comparisons.clips[:2])
     length = action.shape[1]
     times = torch.linspace(0, length - 1, min(SAMPLED, length), dtype=torch.float32).round().long()
-    return observation[:, times], action[:, times], observation[:, times + 1]
+    return torch.cat([observation[:, times], action[:, times], observation[:, times + 1]], -1)
 
 
 def _train(
@@ -128,8 +128,6 @@ class Lesson:
             check_objectives([objective, TERM])
         except ValueError as error:
             raise MorlaxError(f"{error}.") from None
-        if clips < 2:
-            raise MorlaxError(f"there are {clips} clips: at least 2 are needed to compare.")
         check_seed(seed)
         self.folder, self.objective = folder, objective
         self._checkpoint, self._seed = find_checkpoint(run), seed
@@ -148,7 +146,7 @@ class Lesson:
         self.comparisons = self._comparisons(clips)
         self.comparisons.objective = objective
         self.save()
-        self._random = np.random.default_rng([seed, len(self.comparisons.answers)])
+        self.random = np.random.default_rng([seed, len(self.comparisons.answers)])
 
     def _comparisons(self, number: int) -> Comparisons:
         """Return the folder's comparisons, with clips of the run."""
@@ -167,18 +165,9 @@ class Lesson:
         return former.joined(new) if former else new
 
     def save(self) -> None:
-        """Write the answers given so far."""
+        """Write the answers so far."""
         make_folder(self.folder)
         self.comparisons.save(self.folder / "comparisons.npz")
-
-    def pair(self) -> tuple[int, int]:
-        """Return the indices of two clips to compare next."""
-        return self.comparisons.pair(self._random)
-
-    def judge(self, term: str, answers: int) -> None:
-        """Answer as a simulated user who prefers more of a reward term."""
-        self.comparisons.judge(term, answers, self._random)
-        self.save()
 
     def finish(self) -> Fit:
         """Fit a reward to the answers, and write it with a config to train with."""
@@ -205,8 +194,8 @@ class Lesson:
             rewards = clips.terms / clips.action.shape[1] @ np.array(weights).T  # (n, m) per step
             spread = round(float(np.ptp(rewards, axis=0).mean()), 4)
             options["objectives"][self.objective] = {TERM: spread}
-            point = task.reference_point
-            options["reference_point"] = None if point is None else [*point, 0.0]
+            if task.reference_point is not None:
+                options["reference_point"] = [*task.reference_point, 0.0]
         options["learned"] = str((self.folder / "learned.pt").absolute())
         start = {"start_from": str(self._checkpoint), "device": None, "backend": None}
         return load_config({**values, **start})
