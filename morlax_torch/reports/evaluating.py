@@ -21,8 +21,7 @@ from ..runs.hardware import read_machines
 from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
 from . import comparison
 from .comparison import Evaluated
-from .page import words
-from .results import indicator_cells, write
+from .page import indicator_cells, words, write
 
 PROTOCOLS: dict[Protocol, str] = {
     "latched": "a return ends with the first failed step",
@@ -30,7 +29,6 @@ PROTOCOLS: dict[Protocol, str] = {
     "discounted": "a return is the sum of 0.99^t times the rewards of at most 500 steps",
 }
 MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them, and quartiles
-MOST_WIDTH, GAP = 45, 3  # of their columns in 80, with the gaps between columns
 
 
 def evaluate_runs(
@@ -134,21 +132,14 @@ def reference_front(
     return front.returns[front.non_dominated]
 
 
-def column_heads(names: Sequence[str]) -> list[str]:
-    """Return the names of runs, or their numbers from 1 if names are too long for a table."""
-    width = sum(len(name) + GAP for name in names)
-    return list(names) if width <= MOST_WIDTH else [str(i) for i in range(1, len(names) + 1)]
-
-
 def table(evaluations: Mapping[str, Evaluated]) -> Table:
     """Return the indicators as a table for the terminal: of a few runs, or of all together."""
     number = len(evaluations)
-    heads = [*column_heads(list(evaluations)), f"median of {number}", "quartiles"]
+    heads = [*evaluations, f"median of {number}", "quartiles"]
     columns = slice(number + (number > 1)) if number <= MOST_COLUMNS else slice(number, None)
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("indicator", no_wrap=True)
+    table = Table("indicator", box=box.SIMPLE_HEAD)
     for head in heads[columns]:
-        table.add_column(head, justify="right", no_wrap=True)
+        table.add_column(head, justify="right", overflow="fold")
     for name, cells in indicator_cells(list(evaluations.values())).items():
         table.add_row(words(name), *cells[columns])
     return table

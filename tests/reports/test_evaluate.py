@@ -422,7 +422,7 @@ def test_quartiles_are_computed_over_runs():
 
 
 def test_names_that_a_spreadsheet_would_run_are_quoted():
-    from morlax_torch.reports.results import cell
+    from morlax_torch.reports.page import cell
 
     names = ["=1+1", "+x", "-x", "@x", "\tx", "runs/a", "x=1"]
     assert [cell(name)[0] == "'" for name in names] == [True] * 5 + [False] * 2

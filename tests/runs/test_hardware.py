@@ -9,7 +9,7 @@ from tiny import learner, tiny
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.host.resources import memory_of
-from morlax_torch.reports.results import facts
+from morlax_torch.reports.page import facts
 from morlax_torch.runs import Run, hardware
 from morlax_torch.runs.hardware import Machine, device_name, read_machines
 

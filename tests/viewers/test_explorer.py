@@ -31,7 +31,7 @@ from morlax_torch.viewers.explorer.session import (
     contact_arrows,
     frame_bytes,
 )
-from morlax_torch.viewers.preferences.comparisons import Comparisons
+from morlax_torch.viewers.preferences.teaching import Comparisons
 
 
 @pytest.fixture

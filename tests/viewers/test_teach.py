@@ -23,8 +23,7 @@ from morlax_torch.runs.loading import start_from
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.preferences import teaching
-from morlax_torch.viewers.preferences.comparisons import SECONDS, Clips, Comparisons, record
-from morlax_torch.viewers.preferences.teaching import Lesson
+from morlax_torch.viewers.preferences.teaching import SECONDS, Clips, Comparisons, Lesson, record
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 SMALL = {

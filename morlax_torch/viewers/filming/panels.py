@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from scipy.signal import detrend, find_peaks
 
 COLUMNS = 4  # panels per row, at most
 GAP = 4  # pixels between panels
@@ -64,20 +65,14 @@ def side_by_side(panels: Sequence[Image.Image], most: int = COLUMNS) -> NDArray[
     return np.asarray(sheet)
 
 
-def strip(rows: Sequence[Sequence[Image.Image]], labels: Sequence[str]) -> NDArray[np.uint8]:
-    """Arrange rows of pictures of one size, each after a label of some lines: (H, W, 3) RGB."""
-    panels: list[Image.Image] = []
-    for row, label in zip(rows, labels, strict=True):
-        width, height = row[0].size
-        # large, because strips are scaled to page width, but no wider than a panel
-        longest = max(map(_font(100).getlength, label.splitlines())) / 100
-        size = max(8, min(height // 9, int(0.9 * width / longest)))
-        panels.append(Image.new("RGB", (width, height), PAPER))
-        middle = width - size / 3, height / 2
-        draw = ImageDraw.Draw(panels[-1])
-        draw.multiline_text(middle, label, INK, _font(size), "rm", align="right")
-        panels += row
-    return side_by_side(panels, 1 + len(rows[0]))
+def labeled(text: str, width: int, height: int) -> Image.Image:
+    """Return an empty picture with lines of text at its right."""
+    # large, because strips are scaled to page width, but no wider than a panel
+    longest = max(map(_font(100).getlength, text.splitlines())) / 100
+    size = max(8, min(height // 9, int(0.9 * width / longest)))
+    picture, middle = Image.new("RGB", (width, height), PAPER), (width - size / 3, height / 2)
+    ImageDraw.Draw(picture).multiline_text(middle, text, INK, _font(size), "rm", align="right")
+    return picture
 
 
 def timed(picture: Image.Image, seconds: float) -> Image.Image:
@@ -97,18 +92,15 @@ def cycle(positions: NDArray[np.float64], dt: float) -> int | None:
     steps = len(moving)
     if steps < 4 or not moving.size:
         return None
-    time = np.vander(np.linspace(-1, 1, steps), 2)
-    motion = moving - time @ np.linalg.lstsq(time, moving, rcond=None)[0]
-    longest = min(steps // 2, round(SLOWEST / dt))
+    motion = detrend(moving, axis=0)
     powers = np.square(motion).sum(1)
-    alike = np.ones(longest + 1)
-    for lag in range(1, longest + 1):
+    alike = np.ones(1 + min(steps // 2, round(SLOWEST / dt)))
+    for lag in range(1, len(alike)):
         both = np.sqrt(powers[lag:].sum() * powers[:-lag].sum())
         alike[lag] = (motion[lag:] * motion[:-lag]).sum() / max(both, 1e-12)
-    inner = alike[1:-1]
-    peaks = 1 + np.flatnonzero((inner > alike[:-2]) & (inner >= alike[2:]) & (inner > ALIKE))
+    peaks, _ = find_peaks(alike, ALIKE)
     apart = peaks[np.minimum.accumulate(alike)[peaks] < 0.5 * alike[peaks]]
-    high = apart[alike[apart] > 0.85 * alike[apart].max()] if len(apart) else apart
+    high = apart[alike[apart] > 0.85 * alike[apart].max(initial=0.0)]
     return int(high[0]) if len(high) else None
 
 

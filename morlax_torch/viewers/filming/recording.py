@@ -21,7 +21,7 @@ from ...envs.errors import installation
 from ...evaluation.figures import map_figure
 from ...evaluation.front import Front
 from ...evaluation.style import pixels
-from ...host.files import replacing
+from ...host.files import replacing, write_file
 from ...host.phases import phase
 from ...networks.policy import Policy
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for
@@ -96,8 +96,10 @@ class Film:
         takes = self._takes
         for take in takes:
             take.reset()
+        steps = self.steps(seconds)
         with self._scenes() as scenes:
-            for step in range(0, self.steps(seconds) + 1, stride):
+            for step in range(0, steps + 1, stride):
+                phase("filming", step / steps)
                 for take in takes:
                     while take.player.steps < step and not take.failed:
                         take.step()
@@ -113,30 +115,30 @@ class Film:
         if not 2 <= pictures <= MOST_PICTURES:
             raise MorlaxError(f"a row has 2 to {MOST_PICTURES} pictures, not {pictures}.")
         steps, player = self.steps(seconds), self._takes[0].player
-        moments = []
+        rows = []
         for number, take in enumerate(self._takes):
             phase("filming", number / len(self._takes))
-            moments += take.moments(steps, pictures)
+            rows.append(take.moments(steps, pictures))
         aspect, base = self._size[0] / self._size[1], player.env.base
-        cameras = cameras_for(player.model, aspect, [data for data, *_ in moments], base)
-        rows: list[list[Image.Image]] = [[] for _ in self._takes]
+        poses = [data for row in rows for data, *_ in row]
+        cameras, drawn = iter(cameras_for(player.model, aspect, poses, base)), []
         with self._scenes() as scenes:
-            for i, (data, time, failed) in enumerate(moments):
-                picture = Image.fromarray(scenes[i // pictures].draw(data, cameras[i]))
-                picture = panels.dimmed(picture) if failed else picture
-                rows[i // pictures].append(panels.timed(picture, time))
-        return panels.strip(rows, [take.label() for take in self._takes])
+            for take, scene, row in zip(self._takes, scenes, rows, strict=True):
+                drawn.append(panels.labeled(take.label(), *self._size))
+                for data, time, failed in row:
+                    picture = Image.fromarray(scene.draw(data, next(cameras)))
+                    picture = panels.dimmed(picture) if failed else picture
+                    drawn.append(panels.timed(picture, time))
+        return panels.side_by_side(drawn, 1 + pictures)
 
     @contextmanager
     def _scenes(self) -> Iterator[list[Scene]]:
         """Open the scene of each robot; robots of one body share theirs."""
+        players, scenes = [take.player for take in self._takes], {}
         with ExitStack() as stack:
-            scenes: dict[Policy, Scene] = {}
-            for player in (take.player for take in self._takes):
-                if player.policy not in scenes:
-                    scene = Scene(player.model, *self._size)
-                    scenes[player.policy] = stack.enter_context(scene)
-            yield [scenes[take.player.policy] for take in self._takes]
+            for player in {player.policy: player for player in players}.values():
+                scenes[player.policy] = stack.enter_context(Scene(player.model, *self._size))
+            yield [scenes[player.policy] for player in players]
 
 
 class Take:
@@ -245,6 +247,7 @@ class Sweep(Film):
         steps, legs = self.steps(seconds), np.arange(len(self._corners))
         with self._scenes() as (scene,):
             for step in range(0, steps + 1, stride):
+                phase("filming", step / steps)
                 passed = step / steps * legs[-1]
                 tradeoff = np.array([np.interp(passed, legs, column) for column in self._corners])
                 take.player.tradeoff = tradeoff.tolist()
@@ -307,28 +310,23 @@ def record(
     else:
         film = Sweep(policy, sweep, width, height, seed)
     if ending == ".png":
-        with replacing(output) as file:
-            Image.fromarray(film.strip(seconds, pictures)).save(file, format="PNG")
+        write_file(output, _png(film.strip(seconds, pictures)))
     else:
         stride, fps = film.pace(speed, FASTEST[ending])
-        total = film.steps(seconds) // stride + 1
-
-        def frames() -> Iterator[NDArray[np.uint8]]:
-            for number, frame in enumerate(film.frames(seconds, stride)):
-                phase("filming", number / total)
-                yield frame
-
-        write_video(output, frames(), fps)
+        write_video(output, film.frames(seconds, stride), fps)
 
 
 def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
     """Return a small film strip of a policy on the CPU as PNG; None if it cannot be drawn here."""
     try:
-        drawn = Film(policy, [tradeoff], width=240, height=180).strip()
+        return _png(Film(policy, [tradeoff], width=240, height=180).strip())
     except MorlaxError:  # no OpenGL, or no MuJoCo robot
         return None
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
     file = BytesIO()
-    Image.fromarray(drawn).save(file, format="PNG")
+    Image.fromarray(picture).save(file, format="PNG")
     return file.getvalue()
 
 

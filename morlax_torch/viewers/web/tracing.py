@@ -14,7 +14,7 @@ from torch import Tensor
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
 from ...envs.physics.mujoco import MujocoPhysics
-from ...exports.formats import onnx_model, onnxruntime, quiet
+from ...exports.exporting import onnx_model, onnxruntime, quiet
 from ...host.phases import phase
 from .recording import Draws, Recorder, Writes, flat, storage
 
