@@ -35,10 +35,7 @@ OUTPUT = "action"
 
 
 class FamilyPolicy(nn.Module):
-    """A policy with the trade-off as an input: observations (B, O) and (m,) to actions (B, A).
-
-    It checks no input: the trade-off must not be negative or all zero.
-    """
+    """A policy with the trade-off as an unchecked input: (B, O) and (m,) to actions (B, A)."""
 
     def __init__(self, policy: Policy):
         super().__init__()
@@ -83,12 +80,13 @@ def export(
     if format not in FORMATS:
         raise unknown("format", str(format), FORMATS)
     module = FamilyPolicy(policy) if tradeoff is None else policy.specialize(tradeoff)
-    inputs = [_samples(policy, rows, tradeoff is None) for rows in BATCHES]
+    count = 2 if tradeoff is None else 1  # of inputs
+    inputs = [_samples(policy, rows)[:count] for rows in BATCHES]
     metadata = {**manifest(policy, tradeoff, robot), **(metadata or {})}
     phase("exporting the policy")
-    any_rows = [{0: torch.export.Dim("batch")}, {}][: len(inputs[0])]
+    any_rows = ({0: torch.export.Dim("batch")}, {})[:count]
     with quiet(), torch.no_grad():
-        program = torch.export.export(module, inputs[0], dynamic_shapes=tuple(any_rows))
+        program = torch.export.export(module, inputs[0], dynamic_shapes=any_rows)
         data = FORMATS[format].write(program.run_decompositions({}), metadata)
         run = FORMATS[format].read(data)
         largest = max(float((run(*each) - module(*each)).abs().max()) for each in inputs)
@@ -101,15 +99,13 @@ def export(
     return largest
 
 
-def _samples(policy: Policy, rows: int, with_tradeoff: bool) -> tuple[Tensor, ...]:
+def _samples(policy: Policy, rows: int) -> tuple[Tensor, Tensor]:
     """Draw observations (rows, O) as in training, and a trade-off (m,)."""
     agent, shape = policy.agent, (rows, policy.agent.observation_size)
     noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
-    normalizer = agent.observation_normalizer.of(agent.actor, tradeoff)
-    observation = normalizer.inverse(noise)
-    return (observation, tradeoff) if with_tradeoff else (observation,)
+    return agent.observation_normalizer.of(agent.actor, tradeoff).inverse(noise), tradeoff
 
 
 def robot_of(policy: Policy) -> Robot:
@@ -185,29 +181,26 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     The control is the position of a joint where `actuators` has no gear. None if the mapping has
     another form.
     """
-    scales = env.scales()
-    if scales is not None:
+    if (scales := env.scales()) is not None:
         scale, offset = (torch.tensor(values, dtype=torch.float32) for values in scales)
-        return _mapping(scale, offset, offset - scale.abs(), offset + scale.abs())
-    if not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
+        low, high = offset - scale.abs(), offset + scale.abs()
+    elif not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
         return None
+    else:
 
-    def made(action: Tensor) -> Tensor:
-        env.apply(action.expand(1, env.action_size))
-        return env.physics.ctrl[0].clone()
+        def made(action: Tensor) -> Tensor:
+            env.apply(action.expand(1, env.action_size))
+            return env.physics.ctrl[0].clone()
 
-    probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
-    offset, one_end, other_end, near = map(made, probes)
-    low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
-    scale = (near - offset) / STEP
-    draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
-    for action in 2 * draws - 1:
-        if not torch.allclose(made(action), (offset + scale * action).clamp(low, high), atol=1e-5):
-            return None
-    return _mapping(scale, offset, low, high)
-
-
-def _mapping(scale: Tensor, offset: Tensor, low: Tensor, high: Tensor) -> dict[str, list[float]]:
+        probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
+        offset, one_end, other_end, near = map(made, probes)
+        low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
+        scale = (near - offset) / STEP
+        draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
+        for action in 2 * draws - 1:
+            expected = (offset + scale * action).clamp(low, high)
+            if not torch.allclose(made(action), expected, atol=1e-5):
+                return None
     tensors = {"scale": scale, "offset": offset, "low": low, "high": high}
     return {name: tensor.tolist() for name, tensor in tensors.items()}
 
@@ -237,10 +230,8 @@ def onnx_model(
 ) -> Any:
     """Return a program as an ONNX ModelProto, with these names of outputs and inputs."""
     onnxruntime()
-    exported = torch.onnx.export(
-        program, dynamo=True, verbose=False, input_names=inputs, output_names=outputs
-    )
-    assert exported is not None
+    names: Any = {"input_names": inputs, "output_names": outputs}
+    exported: Any = torch.onnx.export(program, dynamo=True, verbose=False, **names)
     return exported.model_proto
 
 

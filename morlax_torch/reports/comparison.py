@@ -31,12 +31,7 @@ class Evaluated(NamedTuple):
     machines: Sequence[Machine] = ()  # that trained it, in order; empty: unknown
 
 
-class Quartiles(NamedTuple):
-    """Quartiles of one indicator over runs."""
-
-    low: float
-    median: float
-    high: float
+Quartiles = tuple[float, ...]  # lower, median and upper, of an indicator over runs
 
 
 def names(runs: Sequence[AnyPath]) -> list[str]:
@@ -103,18 +98,16 @@ def union(fronts: Sequence[Front]) -> np.ndarray:
 
 def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, float]:
     """Return the indicators, mean episode length and ranges of returns, by name."""
-    values = front.indicators(reference_front)
-    values["episode_length"] = float(front.lengths.mean())
-    for name, returns in zip(front.objectives, front.returns.T, strict=True):
-        values[f"{name}_min"] = float(returns.min())
-        values[f"{name}_max"] = float(returns.max())
+    values = front.indicators(reference_front) | {"episode_length": float(front.lengths.mean())}
+    for name, returns in zip(front.objectives, front.returns.T.tolist(), strict=True):
+        values |= {f"{name}_min": min(returns), f"{name}_max": max(returns)}
     return values
 
 
 def quartiles(measured: Sequence[Mapping[str, float]]) -> dict[str, Quartiles]:
     """Return the quartiles of all runs' measures, interpolated linearly between runs."""
     return {
-        name: Quartiles(*np.quantile([m[name] for m in measured], (0.25, 0.5, 0.75)).tolist())
+        name: tuple(np.quantile([m[name] for m in measured], (0.25, 0.5, 0.75)).tolist())
         for name in measured[0]
         if all(name in values for values in measured)
     }

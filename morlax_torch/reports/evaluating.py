@@ -127,8 +127,6 @@ def reference_front(
             f"the reference {source} has the objectives {', '.join(front.objectives)} by the "
             f"protocol {front.protocol}, but the runs have {', '.join(objectives)} by {protocol}."
         )
-    if not front.non_dominated.any():
-        raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
     return front.returns[front.non_dominated]
 
 

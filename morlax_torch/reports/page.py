@@ -49,7 +49,9 @@ def _templates() -> Environment:
         trim_blocks=True,
         undefined=StrictUndefined,
     )
-    templates.filters |= {"number": number, "words": words}
+    for function in (chart, data_url, number, representatives, svg, width, words):
+        templates.filters[function.__name__] = function
+    templates.filters["yaml"] = write_yaml
     return templates
 
 
@@ -57,27 +59,13 @@ def rendered(template: str, **values: Any) -> str:
     return _templates().get_template(template).render(values)
 
 
-def data_url(kind: str, content: bytes) -> str:
+def data_url(content: bytes, kind: str) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def width(figure: Figure) -> str:
     """Return the width in pixels at which a figure's text has its own size."""
     return f"{96 * figure.get_figwidth():.0f}"
-
-
-def front_part(front: Front, figure: Figure) -> dict[str, Any]:
-    """Return a front that a user can point at, and the table of its representative policies."""
-    heads = ["policy", *(f"weight of {name}" for name in front.objectives)]
-    heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
-    shares, values = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True), front.values
-    if front.falls is not None:
-        heads, values = [*heads, "fall rate"], np.column_stack([values, front.falls])
-    rows = [
-        [name, *(f"{share:.2f}" for share in shares[index]), *map(number, values[index])]
-        for index, name in representatives(front).items()
-    ]
-    return {"drawing": chart(figure, front), "width": width(figure), "heads": heads, "rows": rows}
 
 
 def chart(figure: Figure, front: Front) -> str:
@@ -92,7 +80,7 @@ def chart(figure: Figure, front: Front) -> str:
     drawn = re.sub(
         r'<a xlink:href="#(\d+)" target="_blank">',
         lambda link: f'<a href="#{link[1]}"><title>{escape(texts[int(link[1])])}</title>',
-        svg(figure),
+        svg(figure).decode(),
     )
     # HTML needs no namespaces, and the metadata names websites
     return re.sub(
@@ -100,11 +88,11 @@ def chart(figure: Figure, front: Front) -> str:
     )
 
 
-def svg(figure: Figure) -> str:
+def svg(figure: Figure) -> bytes:
     drawn = io.BytesIO()
     with mpl.rc_context(FILES):
         figure.savefig(drawn, format="svg", metadata={"Date": None})
-    return drawn.getvalue().decode()
+    return drawn.getvalue()
 
 
 def descriptions(front: Front) -> list[str]:
@@ -144,7 +132,7 @@ def card(
         task=task,
         choice=choice,
         maximized=required.names[required.maximized],
-        strip=strip and data_url("png", strip),
+        strip=strip,
         trials=trials,
         missed=missed,
         conditions=CONDITIONS,
@@ -244,16 +232,12 @@ def write(
         about=about,
         command=typed,
         colors=dict(zip(objectives, of_objectives(len(objectives)), strict=True)),
-        fronts={n: front_part(run.front, fronts[n]) for n, run in evaluations.items()},
-        # an <img> keeps the ids of one SVG apart from those of the others
-        figures=[
-            (caption, data_url("svg+xml", svg(figure).encode()), width(figure))
-            for caption, figure in drawn
-        ],
-        runs=told,
+        runs=evaluations,
+        fronts=fronts,
+        figures=drawn,
+        training=told,
         settings=dict.fromkeys(name for texts in told.values() for name in texts),
-        portrait=portrait and data_url("png", portrait),
-        configs={name: write_yaml(run.policy.config) for name, run in evaluations.items()},
+        portrait=portrait,
         indicators=indicator_cells(runs),
     )
     write_file(folder / "report.html", report)

@@ -97,18 +97,14 @@ def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
         texts = title(task), algorithm, ", ".join(map(str, seeds))
         values = measured[task, algorithm]
         cells = [_cell(values[name], len(group)) if name in values else "--" for name in names]
-        lines.append([*map(_escaped, texts), *cells])
-    heads = [_escaped(words(name)) for name in names]
+        lines.append([*(text.translate(ESCAPED) for text in texts), *cells])
+    heads = [words(name).translate(ESCAPED) for name in names]
     return rendered("indicators.tex", names=heads, rows=lines)
-
-
-def _escaped(text: str) -> str:
-    return text.translate(ESCAPED)
 
 
 def _cell(values: Quartiles, runs: int) -> str:
     """Return three digits of the median, with the quartiles of several runs, and one exponent."""
-    size = math.floor(math.log10(abs(values.median))) if values.median else 0
+    size = math.floor(math.log10(abs(values[1]))) if values[1] else 0
     exponent = size if size >= 4 or size <= -3 else 0
     low, median, high = (f"{v / 10**exponent:.{max(0, 2 - size + exponent)}f}" for v in values)
     text = f"{median}\\ [{low}, {high}]" if runs > 1 else median

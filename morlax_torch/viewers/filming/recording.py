@@ -282,15 +282,11 @@ def record(
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
 
     Args:
-        policy: as `morlax_torch.load` returns it.
-        output: the file.
         tradeoffs: (P, m), one panel each (empty: the corners and the balanced trade-off).
         seconds: simulated time; a film strip shows the end of it.
         speed: playback speed of a film; 0.5 is slow motion.
-        width: of a panel, in pixels.
-        height: of a panel, in pixels.
+        width, height: of a panel, in pixels.
         pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
-        seed: random seed of the world.
         bodies: design parameters of each body to show, by name, each with every trade-off (empty:
             the body of the policy). Then the default is the balanced trade-off.
         sweep: film one robot instead, whose trade-off moves along this front of the policy.

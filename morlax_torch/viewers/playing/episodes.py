@@ -5,7 +5,6 @@ import struct
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
@@ -85,6 +84,13 @@ class Policy:
         (actions,) = self._session.run(["action"], inputs)
         return np.asarray(actions, float)[0]
 
+    def drive(self, robot: Robot, command: Array) -> bool:
+        """Take a control step, and return whether the robot fell; then it starts again."""
+        fallen = robot.step(self.act(robot.observe(command))).fallen
+        if fallen:
+            robot.reset()
+        return fallen
+
 
 def wishes(deployment: Export, policy: Policy, rng: np.random.Generator) -> Iterator[Array]:
     """Yield a random command (3,) per control step, and tell the policy random trade-offs.
@@ -157,13 +163,13 @@ class Gamepad:
 
     def __init__(self, path: Path):
         with attempting(f"use the gamepad {path}"):
-            self._file = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+            self._file = path.open("rb", buffering=0)
+            os.set_blocking(self._file.fileno(), False)
 
     def events(self) -> list[tuple[int, ...]]:
         """Return value, kind and number of the events since the last call."""
-        data = b""
-        with attempting("read the gamepad"), suppress(BlockingIOError):
-            data = os.read(self._file, 64 * EVENT.size)  # the driver writes whole events
+        with attempting("read the gamepad"):
+            data = self._file.read(64 * EVENT.size) or b""  # None: there are none yet
         return [event[1:] for event in EVENT.iter_unpack(data)]
 
 
@@ -267,7 +273,7 @@ def show(
             for event in pad.events() if pad else ():
                 steering.feel(*event)
             with window.lock():
-                falls += _stepped(robot, policy, steering.command)
+                falls += policy.drive(robot, steering.command)
             window.set_texts((None, mujoco.mjtGridPos.mjGRID_TOPLEFT, *steering.words()))
             window.sync()
             steps += 1
@@ -277,14 +283,6 @@ def show(
             else:  # do not hurry to catch up
                 began -= late
     return falls
-
-
-def _stepped(robot: Robot, policy: Policy, command: Array) -> bool:
-    """Return whether the robot falls in a control step; if so, it starts again."""
-    fallen = robot.step(policy.act(robot.observe(command))).fallen
-    if fallen:
-        robot.reset()
-    return fallen
 
 
 def film(
@@ -317,7 +315,7 @@ def film(
                 phase("filming", step / steps)
                 if step % stride == 0:
                     yield scene.draw(robot.data, camera.camera)
-                falls += _stepped(robot, policy, command)
+                falls += policy.drive(robot, command)
                 camera.follow(robot.data, robot.dt)
 
     write_video(output, frames(), 1 / (robot.dt * stride))

@@ -146,14 +146,10 @@ def open_export(path: Path) -> Export:
 class Disturbances:
     """Strengths of disturbances; delay and friction are drawn anew for each episode."""
 
-    delay: tuple[float, float] = (0.0, 20.0)
-    """Milliseconds from an observation to the action that it causes."""
-    noise: float = 1.0
-    """Factor on the observation noise of the training."""
-    push: float = 0.5
-    """Largest change of the base's horizontal velocity, in m/s along each axis."""
-    friction: tuple[float, float] = (0.3, 1.2)
-    """Sliding friction of all contacts that have friction."""
+    delay: tuple[float, float] = (0.0, 20.0)  # ms from an observation to its action
+    noise: float = 1.0  # factor on the observation noise of the training
+    push: float = 0.5  # largest change of the base's horizontal velocity, in m/s along each axis
+    friction: tuple[float, float] = (0.3, 1.2)  # sliding, of all contacts that have friction
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -303,10 +299,10 @@ class Robot:
         """Return the values of a term before noise, clip and scale."""
         if "sensor_name" not in params:
             return OBSERVATIONS[name](self)
-        sensor = params["sensor_name"]
-        if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor) < 0:
-            raise MorlaxError(f"the model has no sensor {sensor} for the observation {name}.")
-        values = self.data.sensor(sensor).data.copy()
+        try:
+            values = self.data.sensor(params["sensor_name"]).data.copy()
+        except KeyError as error:
+            raise MorlaxError(f"observation {name} needs a sensor: {error.args[0]}.") from None
         return -values if name == "projected_gravity" else values
 
 

@@ -156,8 +156,6 @@ class Comparisons:
             sizes = [(n, length + 1), (n, length), (n, length + 1), (n, len(terms))]
             if [part.shape[:2] for part in clips] != sizes or np.max(answers, initial=0) >= n:
                 raise ValueError("its clips and answers do not fit together")
-        except MemoryError:
-            raise
         except Exception as error:  # numpy, zip and zlib each fail in their own way
             reason = " ".join(str(error).split())[:LONGEST].rstrip(".")
             raise MorlaxError(f"{path} is damaged or has no comparisons: {reason}.") from None
