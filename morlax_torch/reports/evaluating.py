@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich import box
@@ -23,11 +24,6 @@ from . import comparison
 from .comparison import Evaluated
 from .page import indicator_cells, words, write
 
-PROTOCOLS: dict[Protocol, str] = {
-    "latched": "a return ends with the first failed step",
-    "paper": "failed steps earn no reward, and the reward of the reset is added",
-    "discounted": "a return is the sum of 0.99^t times the rewards of at most 500 steps",
-}
 MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them, and quartiles
 
 
@@ -91,17 +87,14 @@ def evaluate_runs(
         folder = output
     elif folder is None or other or not in_run:
         folder = unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
-    description = (
-        f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on "
-        f"{resolve_device(device)}, {f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
-        f"Protocol {protocol}: {PROTOCOLS[protocol]}."
-    )
+    conditions: dict[str, Any] = {"tradeoffs": tradeoffs, "seeds": seeds, "protocol": protocol}
+    conditions |= {"device": resolve_device(device), "reference": ""}
     if target is not None:
         source = reference or "the non-dominated points of all runs"
-        description += f" Reference of IGD+: {source}, {len(target)} points."
+        conditions["reference"] = f"{source}, {len(target)} points"
     picture = portrait(first)
     phase("writing the report")
-    write(evaluations, folder, description, typed, picture)
+    write(evaluations, folder, conditions, typed, picture)
     if output is None and in_run:
         for name, front in fronts.items():
             front.save(front_path(files[name]))  # where `load_front` looks

@@ -16,7 +16,6 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from ..configuration.config import Config
 from ..configuration.files import write_yaml
 from ..envs.naming import title
 from ..evaluation import figures
@@ -25,8 +24,6 @@ from ..evaluation.requirements import Choice
 from ..evaluation.style import FILES, NON_DOMINATED, of_objectives
 from ..host.files import make_folder, write_file, write_rows
 from ..runs.choosing import CONDITIONS, Trial
-from ..runs.hardware import Machine
-from ..runs.progress import History
 from .comparison import Evaluated, quartiles
 from .verdict import verdict_of
 
@@ -76,12 +73,17 @@ def chart(figure: Figure, front: Front) -> str:
         for points in axes.collections:
             if (indices := shown.get(str(points.get_label()))) is not None and axes.name != "3d":
                 points.set_urls([f"#{index}" for index in indices])
-    texts = descriptions(front)
-    drawn = re.sub(
-        r'<a xlink:href="#(\d+)" target="_blank">',
-        lambda link: f'<a href="#{link[1]}"><title>{escape(texts[int(link[1])])}</title>',
-        svg(figure).decode(),
-    )
+    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
+    names, values = front.objectives + front.quantity_names, front.values
+
+    def described(link: re.Match[str]) -> str:
+        policy = int(link[1])
+        weights = [f"{n} {w:.2f}" for n, w in zip(front.objectives, shares[policy], strict=True)]
+        returns = [f"{n} {v:,.4g}" for n, v in zip(names, values[policy], strict=True)]
+        text = escape(f"weights: {', '.join(weights)}; returns: {', '.join(returns)}")
+        return f'<a href="#{policy}"><title>{text}</title>'
+
+    drawn = re.sub(r'<a xlink:href="#(\d+)" target="_blank">', described, svg(figure).decode())
     # HTML needs no namespaces, and the metadata names websites
     return re.sub(
         r"<metadata>.*?</metadata>|^.*?(?=<svg)| xmlns(:\w+)?=\"[^\"]*\"", "", drawn, flags=re.S
@@ -93,18 +95,6 @@ def svg(figure: Figure) -> bytes:
     with mpl.rc_context(FILES):
         figure.savefig(drawn, format="svg", metadata={"Date": None})
     return drawn.getvalue()
-
-
-def descriptions(front: Front) -> list[str]:
-    """Return the trade-off, the returns and the measured quantities of every policy, as text."""
-    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-    names = front.objectives + front.quantity_names
-    texts = []
-    for weights, values in zip(shares.tolist(), front.values.tolist(), strict=True):
-        weighed = [f"{n} {w:.2f}" for n, w in zip(front.objectives, weights, strict=True)]
-        measured = [f"{n} {v:,.4g}" for n, v in zip(names, values, strict=True)]
-        texts.append(f"weights: {', '.join(weighed)}; returns: {', '.join(measured)}")
-    return texts
 
 
 def card(
@@ -141,14 +131,11 @@ def card(
     )
 
 
-def facts(
-    config: Config,
-    history: History | None,
-    measures: Mapping[str, float],
-    machines: Sequence[Machine] = (),
-) -> dict[str, str]:
+def facts(run: Evaluated) -> dict[str, str]:
     """Return how a run was trained, as texts by name."""
+    config, history = run.policy.config, run.history
     texts = {
+        "checkpoint": run.front.checkpoint,
         "algorithm": config.algorithm,
         "random seed": str(config.seed),
         "device": config.device or "unknown",
@@ -157,28 +144,27 @@ def facts(
     if history is not None:
         texts["environment steps"] = f"{history.env_steps[-1]:,.0f}"
         texts["training time"] = str(timedelta(seconds=round(float(history.train_seconds[-1]))))
-    name = hypervolume_in(measures)
-    texts[name.replace("_", ", ")] = number(measures[name])
-    if machines:  # each named as often as it follows another one
-        for key, parts in (
-            ("trained on", [machine.hardware() for machine in machines]),
-            ("trained with", [machine.software() for machine in machines]),
-        ):
-            texts[key] = "; then ".join(part for part, _ in groupby(parts))
+    name = hypervolume_in(run.measures)
+    texts[name.replace("_", ", ")] = number(run.measures[name])
+    if run.machines:  # each named as often as it follows another one
+        hardware = (machine.hardware() for machine in run.machines)
+        software = (machine.software() for machine in run.machines)
+        texts["trained on"] = "; then ".join(part for part, _ in groupby(hardware))
+        texts["trained with"] = "; then ".join(part for part, _ in groupby(software))
     return texts
 
 
 def write(
     evaluations: Mapping[str, Evaluated],
     folder: Path,
-    about: str,
+    conditions: Mapping[str, Any],
     typed: str,
     portrait: bytes | None = None,
 ) -> None:
     """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
 
-    `about` says how runs, by name, were evaluated, `typed` is the command line, and `portrait` a
-    picture of the robot as PNG.
+    `conditions` of the evaluation are values of report.html, `typed` is the command line, and
+    `portrait` a picture of the robot as PNG.
     """
     drawn: list[tuple[str, Figure]] = []
     fronts: dict[str, Figure] = {}
@@ -219,17 +205,13 @@ def write(
         quarters = ([name, *three, len(runs)] for name, three in summary.items())
         write_rows(folder / "summary.csv", [heads, *quarters])
     shown = ", ".join(evaluations) if len(runs) <= MOST_NAMES else f"{len(runs)} runs"
-    told = {
-        name: {"checkpoint": run.front.checkpoint}
-        | facts(run.policy.config, run.history, run.measures, run.machines)
-        for name, run in evaluations.items()
-    }
+    told = {name: facts(run) for name, run in evaluations.items()}
     objectives = runs[0].front.objectives
     report = rendered(
         "report.html",
         title=f"{task}: {shown}",
         verdict=verdict_of(evaluations),
-        about=about,
+        **conditions,
         command=typed,
         colors=dict(zip(objectives, of_objectives(len(objectives)), strict=True)),
         runs=evaluations,

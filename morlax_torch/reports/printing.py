@@ -85,8 +85,8 @@ def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
     """Return the table of indicators: the median and quartiles over the runs of each row."""
     measured: dict[Row, dict[str, Quartiles]] = {}
     for row, group in rows.items():
-        rivals = [run for other in rows if other[0] == row[0] for run in rows[other].values()]
-        fronts = [run.front for run in rivals]
+        rivals = [runs for other, runs in rows.items() if other[0] == row[0]]
+        fronts = [run.front for runs in rivals for run in runs.values()]
         target = comparison.union(fronts) if len(fronts) > 1 else None  # of IGD+
         indicators = [run.front.indicators(target) for run in group.values()]
         measured[row] = comparison.quartiles(indicators)

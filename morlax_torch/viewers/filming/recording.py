@@ -211,20 +211,18 @@ class Take:
         ]
 
     def _table(self) -> list[panels.Row]:
-        sums = self.player.returns.tolist()
-        returns = [f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}" for x in sums]
-        return [(*weight, text) for weight, text in zip(self._weights(), returns, strict=True)]
+        player, rows = self.player, []
+        shares = (player.tradeoff / player.tradeoff.sum()).tolist()
+        columns = player.env.objectives, shares, player.returns.tolist()
+        for name, share, x in zip(*columns, strict=True):
+            rows.append((name, f"{share:.2f}", f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}"))
+        return rows
 
     def label(self) -> str:
         """Return a line for each weight, or "only NAME" if there is one."""
-        weights = self._weights()
+        weights = [row[:2] for row in self._table()]
         alone = [f"only {name}" for name, share in weights if share == "1.00"]
-        return "\n".join([*self._body(), "".join(alone) or "\n".join(map(" ".join, weights))])
-
-    def _weights(self) -> list[tuple[str, str]]:
-        shares = self.player.tradeoff / self.player.tradeoff.sum()
-        names = self.player.env.objectives
-        return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]
+        return "\n".join([*self._body(), *(alone or map(" ".join, weights))])
 
 
 class Sweep(Film):

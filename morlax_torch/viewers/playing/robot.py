@@ -71,7 +71,7 @@ class Settings(BaseModel):
     offset: Values = _in(*ACTION, "offset")
     joint_ids: list[int] | None = _in(*ACTION, "joint_ids")
     policy: str = _in(OURS, "policy")
-    model: str | None = _in(OURS, "model")
+    model: str = _in(OURS, "model")
     objectives: list[str] = _in(OURS, "objectives")
     slew: float | None = _in(OURS, "slew", gt=0)
     joints: list[str] = _in(OURS, "joints")
@@ -130,8 +130,6 @@ def open_export(path: Path) -> Export:
         settings = Settings.model_validate(values)
     except ValidationError as error:
         raise MorlaxError(f"{file}: {explained(error, Settings)}") from None
-    if settings.model is None:
-        raise MorlaxError(f"{file} names no model, since its scene cannot be written.")
     archive = folder / settings.model
     content = io.BytesIO(read(archive, "model"))
     try:
