@@ -45,9 +45,8 @@ def deploy(
     }
     settings = {**deployment.settings, "morlax_torch": ours | deployment.settings["morlax_torch"]}
     # seven digits, as float32 has
-    settings = json.loads(
-        json.dumps(settings), parse_float=lambda text: float(f"{float(text):.7g}")
-    )
+    text = json.dumps(settings)
+    settings = json.loads(text, parse_float=lambda digits: float(f"{float(digits):.7g}"))
     text = yaml.safe_dump(settings, default_flow_style=None, sort_keys=False, width=100)
     if deployment.model:
         write_file(policy.with_name(MODEL), deployment.model)
@@ -64,7 +63,3 @@ def deploy(
     if not deployment.model:
         lacks.append(f"{MODEL} is not written, because MuJoCo cannot write this scene as XML.")
     return lacks
-
-
-def _rounded(number: str) -> float:
-    return float(f"{float(number):.7g}")  # the digits of float32

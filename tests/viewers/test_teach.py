@@ -42,7 +42,7 @@ THREE = {"run": {"run": 1.0}, "energy": {"energy": 1.0}, "tall": {"learned": 2.0
 def saved(path: Path, observations: int = 17, actions: int = 6) -> Path:
     """Write a random reward, of cheetahs by default."""
     generator = torch.Generator().manual_seed(0)
-    teaching.save(LearnedReward(observations, actions, generator=generator), path)
+    torch.save(LearnedReward(observations, actions, generator=generator).contents(), path)
     return path
 
 

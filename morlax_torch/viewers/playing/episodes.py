@@ -5,6 +5,7 @@ import struct
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
@@ -163,13 +164,13 @@ class Gamepad:
 
     def __init__(self, path: Path):
         with attempting(f"use the gamepad {path}"):
-            self._file = path.open("rb", buffering=0)
-            os.set_blocking(self._file.fileno(), False)
+            self._file = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
 
     def events(self) -> list[tuple[int, ...]]:
         """Return value, kind and number of the events since the last call."""
-        with attempting("read the gamepad"):
-            data = self._file.read(64 * EVENT.size) or b""  # None: there are none yet
+        data = b""
+        with attempting("read the gamepad"), suppress(BlockingIOError):
+            data = os.read(self._file, 64 * EVENT.size)  # the driver writes whole events
         return [event[1:] for event in EVENT.iter_unpack(data)]
 
 

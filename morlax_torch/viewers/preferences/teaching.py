@@ -203,12 +203,6 @@ def fit(comparisons: Comparisons, seed: int = 0) -> Fit:
     return Fit(reward.requires_grad_(False), accuracy, checked)
 
 
-def save(reward: LearnedReward, path: Path) -> None:
-    """Write a file that `task.learned` can name, atomically, or raise MorlaxError."""
-    with replacing(path) as file:
-        torch.save(reward.contents(), file)
-
-
 def steps_of(comparisons: Comparisons) -> Tensor:
     """Return evenly sampled steps (n, L, inputs) of all clips, as `LearnedReward` takes them."""
     observation, action = (torch.from_numpy(part) for part in comparisons.clips[:2])
@@ -309,7 +303,8 @@ class Lesson:
         self.save()
         phase("learning the reward")
         fitted = fit(self.comparisons, self._seed)
-        save(fitted.reward, self.folder / "learned.pt")
+        with replacing(self.folder / "learned.pt") as file:
+            torch.save(fitted.reward.contents(), file)
         write_file(self.folder / "config.yaml", write_yaml(self.config()))
         return fitted
 
