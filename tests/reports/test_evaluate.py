@@ -22,6 +22,7 @@ from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
+from morlax_torch.reports.page import cell
 from morlax_torch.reports.printing import latex
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
@@ -421,8 +422,6 @@ def test_quartiles_are_computed_over_runs():
 
 
 def test_names_that_a_spreadsheet_would_run_are_quoted():
-    from morlax_torch.reports.page import cell
-
     names = ["=1+1", "+x", "-x", "@x", "\tx", "runs/a", "x=1"]
     assert [cell(name)[0] == "'" for name in names] == [True] * 5 + [False] * 2
 
