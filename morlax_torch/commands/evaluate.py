@@ -65,16 +65,13 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def _show(runs: "Mapping[str, Evaluated]") -> None:
-    from ..reports.evaluating import column_heads, table
+    from ..reports.evaluating import table
     from ..reports.verdict import verdict_of
 
     cli.console.print(verdict_of(runs), markup=False, highlight=False)
     cli.console.print(table(runs))
-    names = [
-        f"{run.front.checkpoint} of {name}" + f" ({head})" * (head != name)
-        for head, (name, run) in zip(column_heads(list(runs)), runs.items(), strict=True)
-    ]
-    cli.console.print(f"evaluated: {', '.join(names)}")
+    files = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in runs.items())
+    cli.console.print(f"evaluated: {files}")
 
 
 def _portrait(policy: "Policy") -> bytes | None:

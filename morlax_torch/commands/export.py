@@ -39,8 +39,7 @@ def command(arguments: Sequence[str]) -> None:
         raise MorlaxError("--slew limits a trade-off that changes: leave --tradeoff out.")
     with cli.Live():
         from ..exports.deployment import SETTINGS, deploy
-        from ..exports.exporting import export, provenance, robot_of  # imports torch
-        from ..exports.formats import FORMATS
+        from ..exports.exporting import FORMATS, export, provenance, robot_of  # imports torch
         from ..host.files import make_folder
         from ..runs.loading import load, objectives_of, own_folder, tradeoff_of
 

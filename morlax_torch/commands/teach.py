@@ -41,7 +41,7 @@ def command(arguments: Sequence[str]) -> None:
         trust_run(options.run, options.trust, options.env)
         lesson = Lesson(options.run, options.folder, options.objective, options.clips, options.seed)
     if options.judge is not None:
-        lesson.judge(options.judge, answers)
+        lesson.comparisons.judge(options.judge, answers, lesson.random)
     elif answers:
         from ..viewers.explorer.comparisons import questions
         from ..viewers.explorer.exhibits import ComparisonExhibit

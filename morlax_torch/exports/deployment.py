@@ -1,8 +1,9 @@
 """Files beside an exported policy, with which it drives a robot without this package."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import yaml
 
@@ -38,12 +39,15 @@ def deploy(
         "task": task,
         "policy": policy.name,
         "model": MODEL if deployment.model else None,
-        "objectives": list(objectives),
-        "tradeoff": None if tradeoff is None else list(tradeoff),
+        "objectives": objectives,
+        "tradeoff": tradeoff,
         "slew": slew,
     }
     settings = {**deployment.settings, "morlax_torch": ours | deployment.settings["morlax_torch"]}
-    text = yaml.safe_dump(_short(settings), default_flow_style=None, sort_keys=False, width=100)
+    # seven digits, as float32 has
+    text = json.dumps(settings)
+    settings = json.loads(text, parse_float=lambda digits: float(f"{float(digits):.7g}"))
+    text = yaml.safe_dump(settings, default_flow_style=None, sort_keys=False, width=100)
     if deployment.model:
         write_file(policy.with_name(MODEL), deployment.model)
     write_file(policy.with_name(SETTINGS), HEADER + text)
@@ -59,12 +63,3 @@ def deploy(
     if not deployment.model:
         lacks.append(f"{MODEL} is not written, because MuJoCo cannot write this scene as XML.")
     return lacks
-
-
-def _short(value: Any) -> Any:
-    """Return plain values with seven digits, as float32 has."""
-    if isinstance(value, float):
-        return float(f"{value:.7g}")
-    if isinstance(value, dict):
-        return {key: _short(part) for key, part in value.items()}
-    return [_short(part) for part in value] if isinstance(value, list | tuple) else value

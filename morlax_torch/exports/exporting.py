@@ -1,18 +1,24 @@
 """Write policies to files that hold all that a robot needs to know, and check the files."""
 
 import hashlib
-from collections.abc import Sequence
+import io
+import json
+import logging
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import accumulate
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import mujoco
 import torch
-from torch import Tensor, nn
+from torch import Tensor, fx, nn
+from torch.export import ExportedProgram
 
 from .. import envs
 from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import Environment, MorlaxError, Robot
-from ..envs.errors import unknown
+from ..envs.errors import installation, unknown
 from ..host.files import AnyPath, write_file
 from ..host.phases import phase
 from ..host.version import __version__
@@ -20,18 +26,16 @@ from ..networks.gaussian import TanhNormal
 from ..networks.policy import Policy
 from ..runs.loading import find_checkpoint, find_run
 from ..runs.progress import best_row, hypervolume_of, read_rows
-from .formats import FORMATS, quiet
 
 TOLERANCE = 1e-5  # of actions, which lie in (-1, 1)
 BATCHES = (3, 1, 8)  # batch sizes to check; the first is also traced
 STEP = 2**-6  # of an action, to measure the slope of its control; exact in binary
+EXTRA_FILE = "morlax_torch.json"
+OUTPUT = "action"
 
 
 class FamilyPolicy(nn.Module):
-    """A policy with the trade-off as an input: observations (B, O) and (m,) to actions (B, A).
-
-    It checks no input: the trade-off must not be negative or all zero.
-    """
+    """A policy with the trade-off as an unchecked input: (B, O) and (m,) to actions (B, A)."""
 
     def __init__(self, policy: Policy):
         super().__init__()
@@ -76,12 +80,13 @@ def export(
     if format not in FORMATS:
         raise unknown("format", str(format), FORMATS)
     module = FamilyPolicy(policy) if tradeoff is None else policy.specialize(tradeoff)
-    inputs = [_samples(policy, rows, tradeoff is None) for rows in BATCHES]
+    count = 2 if tradeoff is None else 1  # of inputs
+    inputs = [_samples(policy, rows)[:count] for rows in BATCHES]
     metadata = {**manifest(policy, tradeoff, robot), **(metadata or {})}
     phase("exporting the policy")
-    any_rows = [{0: torch.export.Dim("batch")}, {}][: len(inputs[0])]
+    any_rows = ({0: torch.export.Dim("batch")}, {})[:count]
     with quiet(), torch.no_grad():
-        program = torch.export.export(module, inputs[0], dynamic_shapes=tuple(any_rows))
+        program = torch.export.export(module, inputs[0], dynamic_shapes=any_rows)
         data = FORMATS[format].write(program.run_decompositions({}), metadata)
         run = FORMATS[format].read(data)
         largest = max(float((run(*each) - module(*each)).abs().max()) for each in inputs)
@@ -94,15 +99,13 @@ def export(
     return largest
 
 
-def _samples(policy: Policy, rows: int, with_tradeoff: bool) -> tuple[Tensor, ...]:
+def _samples(policy: Policy, rows: int) -> tuple[Tensor, Tensor]:
     """Draw observations (rows, O) as in training, and a trade-off (m,)."""
     agent, shape = policy.agent, (rows, policy.agent.observation_size)
     noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
-    normalizer = agent.observation_normalizer.of(agent.actor, tradeoff)
-    observation = normalizer.inverse(noise)
-    return (observation, tradeoff) if with_tradeoff else (observation,)
+    return agent.observation_normalizer.of(agent.actor, tradeoff).inverse(noise), tradeoff
 
 
 def robot_of(policy: Policy) -> Robot:
@@ -153,20 +156,20 @@ def actuators(env: Robot) -> list[dict[str, Any]]:
 
     Gear and range are None where an action is not the control of one of the model's actuators.
     """
-    targets = env.targets()
+    targets, model = env.targets(), env.physics.model
     if targets is not None:
         rest = {"gear": None, "control_range": None}
         return [{"name": name, "joint": name, **rest} for name in targets]
-    model, rows = env.physics.model, []
+    rows = []
     for index in range(model.nu):
-        driven, limits = model.actuator_trnid[index, 0], model.actuator_ctrlrange[index]
-        of_joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
+        actuator = model.actuator(index)
+        of_joint = actuator.trntype[0] == mujoco.mjtTrn.mjTRN_JOINT
         rows.append(
             {
-                "name": model.actuator(index).name,
-                "joint": model.joint(driven).name if of_joint else None,
-                "gear": float(model.actuator_gear[index, 0]),
-                "control_range": limits.tolist() if model.actuator_ctrllimited[index] else None,
+                "name": actuator.name,
+                "joint": model.joint(actuator.trnid[0]).name if of_joint else None,
+                "gear": float(actuator.gear[0]),
+                "control_range": actuator.ctrlrange.tolist() if actuator.ctrllimited[0] else None,
             }
         )
     return rows
@@ -178,28 +181,122 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     The control is the position of a joint where `actuators` has no gear. None if the mapping has
     another form.
     """
-    scales = env.scales()
-    if scales is not None:
+    if (scales := env.scales()) is not None:
         scale, offset = (torch.tensor(values, dtype=torch.float32) for values in scales)
-        return _plain(scale, offset, offset - scale.abs(), offset + scale.abs())
-    if not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
+        low, high = offset - scale.abs(), offset + scale.abs()
+    elif not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
         return None
+    else:
 
-    def made(action: Tensor) -> Tensor:
-        env.apply(action.expand(1, env.action_size))
-        return env.physics.ctrl[0].clone()
+        def made(action: Tensor) -> Tensor:
+            env.apply(action.expand(1, env.action_size))
+            return env.physics.ctrl[0].clone()
 
-    probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
-    offset, one_end, other_end, near = map(made, probes)
-    low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
-    scale = (near - offset) / STEP
-    draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
-    for action in 2 * draws - 1:
-        if not torch.allclose(made(action), (offset + scale * action).clamp(low, high), atol=1e-5):
-            return None
-    return _plain(scale, offset, low, high)
+        probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
+        offset, one_end, other_end, near = map(made, probes)
+        low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
+        scale = (near - offset) / STEP
+        draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
+        for action in 2 * draws - 1:
+            expected = (offset + scale * action).clamp(low, high)
+            if not torch.allclose(made(action), expected, atol=1e-5):
+                return None
+    tensors = {"scale": scale, "offset": offset, "low": low, "high": high}
+    return {name: tensor.tolist() for name, tensor in tensors.items()}
 
 
-def _plain(*values: Tensor) -> dict[str, list[float]]:
-    names = ("scale", "offset", "low", "high")
-    return {name: value.tolist() for name, value in zip(names, values, strict=True)}
+class Format(NamedTuple):
+    ending: str
+    write: Callable[[ExportedProgram, dict[str, Any]], bytes]  # with the file's metadata
+    read: Callable[[bytes], Callable[..., Tensor]]  # what maps the program's inputs to actions
+
+
+def write_onnx(program: ExportedProgram, metadata: dict[str, Any]) -> bytes:
+    """Return an ONNX model with each entry of `metadata` as JSON in its metadata_props."""
+    model = onnx_model(program, [OUTPUT])
+    for value in [*model.graph.input, *model.graph.output]:
+        rows = value.type.tensor_type.shape.dim[0]
+        if rows.dim_param:
+            rows.dim_param = "batch"
+    del model.graph.value_info[:]  # they have another name for the batch size
+    del model.metadata_props[:]
+    for name, value in metadata.items():
+        model.metadata_props.add(key=name, value=json.dumps(value))
+    return model.SerializeToString()
+
+
+def onnx_model(
+    program: ExportedProgram, outputs: Sequence[str], inputs: Sequence[str] | None = None
+) -> Any:
+    """Return a program as an ONNX ModelProto, with these names of outputs and inputs."""
+    onnxruntime()
+    names: Any = {"input_names": inputs, "output_names": outputs}
+    exported: Any = torch.onnx.export(program, dynamo=True, verbose=False, **names)
+    return exported.model_proto
+
+
+def read_onnx(data: bytes) -> Callable[..., Tensor]:
+    session = onnxruntime().InferenceSession(data, providers=["CPUExecutionProvider"])
+    names = [value.name for value in session.get_inputs()]
+
+    def run(*inputs: Tensor) -> Tensor:
+        arrays = {name: value.numpy() for name, value in zip(names, inputs, strict=True)}
+        return torch.from_numpy(session.run([OUTPUT], arrays)[0])
+
+    return run
+
+
+def write_torchscript(program: ExportedProgram, metadata: dict[str, Any]) -> bytes:
+    """Return a traced module with `metadata` in an extra JSON file."""
+    module = program.module(check_guards=False)
+    assert isinstance(module, fx.GraphModule) and program.example_inputs is not None
+    for node in list(module.graph.nodes):
+        if node.target is torch.ops.aten.sym_size.int:  # tracing would fix the batch size
+            for user in list(node.users):
+                user.args = fx.node.map_arg(user.args, lambda x, size=node: -1 if x is size else x)
+            module.graph.erase_node(node)
+    plain = fx.GraphModule(module, module.graph)  # without hooks, which cannot be traced
+    file = io.BytesIO()
+    traced = torch.jit.trace(plain, program.example_inputs[0])
+    torch.jit.save(traced, file, {EXTRA_FILE: json.dumps(metadata)})
+    return file.getvalue()
+
+
+def write_torch_export(program: ExportedProgram, metadata: dict[str, Any]) -> bytes:
+    file = io.BytesIO()
+    torch.export.save(program, file, extra_files={EXTRA_FILE: json.dumps(metadata)})
+    return file.getvalue()
+
+
+FORMATS = {
+    "onnx": Format(".onnx", write_onnx, read_onnx),
+    "torchscript": Format(".ts", write_torchscript, lambda data: torch.jit.load(io.BytesIO(data))),
+    "torch-export": Format(
+        ".pt2", write_torch_export, lambda data: torch.export.load(io.BytesIO(data)).module()
+    ),
+}
+
+
+def onnxruntime() -> Any:
+    """Return onnxruntime; raises MorlaxError unless the whole extra is installed."""
+    try:
+        import onnx  # noqa: F401
+        import onnxruntime as runtime
+        import onnxscript  # noqa: F401
+    except ImportError as error:
+        raise MorlaxError(
+            f"ONNX needs {error.name}, which is not installed: {installation('onnx')}."
+        ) from None
+    return runtime
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Suppress the warnings that torch's exporters log about themselves."""
+    usual = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            yield
+    finally:
+        logging.disable(usual)

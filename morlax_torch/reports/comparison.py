@@ -1,7 +1,6 @@
 """Compare evaluated runs: short names, comparability, quartiles."""
 
 from collections.abc import Mapping, Sequence
-from operator import ne
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,12 +31,7 @@ class Evaluated(NamedTuple):
     machines: Sequence[Machine] = ()  # that trained it, in order; empty: unknown
 
 
-class Quartiles(NamedTuple):
-    """Quartiles of one indicator over runs."""
-
-    low: float
-    median: float
-    high: float
+Quartiles = tuple[float, ...]  # lower, median and upper, of an indicator over runs
 
 
 def names(runs: Sequence[AnyPath]) -> list[str]:
@@ -72,16 +66,16 @@ def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None =
     """
     (first, one), *others = policies.items()
     for name, other in others:
-        mine, theirs = (_options(policy, protocol) for policy in (one, other))
-        for option in mine:
-            values = mine[option], theirs[option]
-            if option == "task.learned" and all(values):  # every run has a file of its own
-                values = (read(value, "learned reward") for value in values)
-            if ne(*values):
+        theirs = _options(other, protocol)
+        for option, value in _options(one, protocol).items():
+            pair = [value, theirs[option]]
+            if option == "task.learned" and all(pair):  # every run has a file of its own
+                pair = [read(file, "learned reward") for file in pair]
+            if pair[0] != pair[1]:
                 raise MorlaxError(
-                    f"{first} and {name} differ in {option} ({mine[option]} and "
-                    f"{theirs[option]}), so their returns cannot be compared: evaluate them "
-                    "separately, or by one --protocol if they differ in that."
+                    f"{first} and {name} differ in {option} ({value} and {theirs[option]}), so "
+                    "their returns cannot be compared: evaluate them separately, or by one "
+                    "--protocol if they differ in that."
                 )
     return protocol or one.config.evaluation.protocol
 
@@ -104,17 +98,16 @@ def union(fronts: Sequence[Front]) -> np.ndarray:
 
 def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, float]:
     """Return the indicators, mean episode length and ranges of returns, by name."""
-    values = front.indicators(reference_front)
-    values["episode_length"] = float(front.lengths.mean())
-    for name, returns in zip(front.objectives, front.returns.T, strict=True):
-        values[f"{name}_min"] = float(returns.min())
-        values[f"{name}_max"] = float(returns.max())
+    values = front.indicators(reference_front) | {"episode_length": float(front.lengths.mean())}
+    for name, returns in zip(front.objectives, front.returns.T.tolist(), strict=True):
+        values |= {f"{name}_min": min(returns), f"{name}_max": max(returns)}
     return values
 
 
 def quartiles(measured: Sequence[Mapping[str, float]]) -> dict[str, Quartiles]:
-    """Return the quartiles of every measure over runs, interpolated linearly between runs."""
+    """Return the quartiles of all runs' measures, interpolated linearly between runs."""
     return {
-        name: Quartiles(*np.quantile([m[name] for m in measured], (0.25, 0.5, 0.75)).tolist())
+        name: tuple(np.quantile([m[name] for m in measured], (0.25, 0.5, 0.75)).tolist())
         for name in measured[0]
+        if all(name in values for values in measured)
     }

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich import box
@@ -21,16 +22,9 @@ from ..runs.hardware import read_machines
 from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
 from . import comparison
 from .comparison import Evaluated
-from .page import words
-from .results import indicator_rows, write
+from .page import indicator_cells, words, write
 
-PROTOCOLS: dict[Protocol, str] = {
-    "latched": "a return ends with the first failed step",
-    "paper": "failed steps earn no reward, and the reward of the reset is added",
-    "discounted": "a return is the sum of 0.99^t times the rewards of at most 500 steps",
-}
 MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them, and quartiles
-MOST_WIDTH, GAP = 45, 3  # of their columns in 80, with the gaps between columns
 
 
 def evaluate_runs(
@@ -70,9 +64,7 @@ def evaluate_runs(
     def evaluated(policy: Policy) -> Front:
         return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
 
-    target = None
-    if reference is not None:
-        target = reference_front(reference, policies, protocol, evaluated)
+    target = reference_front(reference, policies, protocol, evaluated) if reference else None
     files = {name: find_checkpoint(run) for name, run in named.items()}
     fronts = {}
     for name, policy in policies.items():
@@ -80,17 +72,11 @@ def evaluate_runs(
             fronts[name] = evaluated(policy)._replace(checkpoint=files[name].name)
     if target is None and len(fronts) > 1:
         target = comparison.union(list(fronts.values()))
-    evaluations = {
-        name: Evaluated(
-            run,
-            policies[name],
-            fronts[name],
-            histories[name],
-            comparison.measures(fronts[name], target),
-            machines[name],
-        )
-        for name, run in named.items()
-    }
+    evaluations = {}
+    for name, run in named.items():
+        measures = comparison.measures(fronts[name], target)
+        facts = fronts[name], histories[name], measures, machines[name]
+        evaluations[name] = Evaluated(run, policies[name], *facts)
     show(evaluations)
     as_trained = protocol == first.config.evaluation.protocol and not is_changed(runs[0], first)
     # the files in a run's folder are of best.pt, evaluated as in training
@@ -101,17 +87,14 @@ def evaluate_runs(
         folder = output
     elif folder is None or other or not in_run:
         folder = unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
-    about = (
-        f"Objectives: {', '.join(first.objectives)}. {tradeoffs} trade-offs on "
-        f"{resolve_device(device)}, {f'{seeds} episodes' if seeds > 1 else 'one episode'} each. "
-        f"Protocol {protocol}: {PROTOCOLS[protocol]}."
-    )
+    conditions: dict[str, Any] = {"tradeoffs": tradeoffs, "seeds": seeds, "protocol": protocol}
+    conditions |= {"device": resolve_device(device), "reference": ""}
     if target is not None:
         source = reference or "the non-dominated points of all runs"
-        about += f" Reference of IGD+: {source}, {len(target)} points."
+        conditions["reference"] = f"{source}, {len(target)} points"
     picture = portrait(first)
     phase("writing the report")
-    write(evaluations, folder, about, typed, picture)
+    write(evaluations, folder, conditions, typed, picture)
     if output is None and in_run:
         for name, front in fronts.items():
             front.save(front_path(files[name]))  # where `load_front` looks
@@ -137,29 +120,17 @@ def reference_front(
             f"the reference {source} has the objectives {', '.join(front.objectives)} by the "
             f"protocol {front.protocol}, but the runs have {', '.join(objectives)} by {protocol}."
         )
-    if not front.non_dominated.any():
-        raise MorlaxError(f"the reference {source} has no finite returns: choose another front.")
     return front.returns[front.non_dominated]
-
-
-def column_heads(names: Sequence[str]) -> list[str]:
-    """Return the names of runs, or their numbers from 1 if names are too long for a table."""
-    width = sum(len(name) + GAP for name in names)
-    return list(names) if width <= MOST_WIDTH else [str(i) for i in range(1, len(names) + 1)]
 
 
 def table(evaluations: Mapping[str, Evaluated]) -> Table:
     """Return the indicators as a table for the terminal: of a few runs, or of all together."""
     number = len(evaluations)
-    heads = [f"median of {number}"] * (number > 1)
-    if number <= MOST_COLUMNS:
-        heads, columns = [*column_heads(list(evaluations)), *heads], slice(number + len(heads))
-    else:
-        heads, columns = [*heads, "quartiles"], slice(-2, None)
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("indicator", no_wrap=True)
-    for head in heads:
-        table.add_column(head, justify="right", no_wrap=True)
-    for name, *cells in indicator_rows(list(evaluations.values())):
+    heads = [*evaluations, f"median of {number}", "quartiles"]
+    columns = slice(number + (number > 1)) if number <= MOST_COLUMNS else slice(number, None)
+    table = Table("indicator", box=box.SIMPLE_HEAD)
+    for head in heads[columns]:
+        table.add_column(head, justify="right", overflow="fold")
+    for name, cells in indicator_cells(list(evaluations.values())).items():
         table.add_row(words(name), *cells[columns])
     return table

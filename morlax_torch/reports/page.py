@@ -1,11 +1,14 @@
-"""HTML reports and their parts; each is one self-contained file from a template of this folder."""
+"""Files of evaluated runs, and self-contained HTML pages from the templates of this folder."""
 
 import base64
 import io
 import re
 from collections.abc import Mapping, Sequence
+from datetime import timedelta
 from functools import cache
 from html import escape
+from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -13,41 +16,18 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from ..evaluation.front import Front, representatives
+from ..configuration.files import write_yaml
+from ..envs.naming import title
+from ..evaluation import figures
+from ..evaluation.front import Front, hypervolume_in, representatives
 from ..evaluation.requirements import Choice
-from ..evaluation.style import FILES, NON_DOMINATED
+from ..evaluation.style import FILES, NON_DOMINATED, of_objectives
+from ..host.files import make_folder, write_file, write_rows
 from ..runs.choosing import CONDITIONS, Trial
+from .comparison import Evaluated, quartiles
+from .verdict import verdict_of
 
-MEANINGS = {
-    "hypervolume": "volume between the reference point and the front; higher is better",
-    "hypervolume_approximate": "hypervolume, approximated by moocore; higher is better",
-    "sparsity": "mean squared gap between neighbors on the front; lower is denser",
-    "expected_utility": "mean over trade-offs of the best w · r on the front; higher is better",
-    "cardinality": "number of non-dominated policies",
-    "obedience": "share of trade-offs for which no other policy is clearly better than their own",
-    "fall_rate": "share of episodes in which the robot failed",
-    "blowup_rate": "share of episodes that left sane bounds, such as a state that is not finite",
-    "igd_plus": "mean distance by which the front falls short of the reference front; 0 is best",
-    "episode_length": "mean episode length in control steps",
-}
-
-
-@cache
-def _templates() -> Environment:
-    return Environment(
-        loader=PackageLoader(str(__package__), ""),
-        autoescape=lambda name: name is not None and name.endswith(".html"),
-        trim_blocks=True,
-        undefined=StrictUndefined,
-    )
-
-
-def rendered(template: str, **values: Any) -> str:
-    return _templates().get_template(template).render(values)
-
-
-def data_url(kind: str, content: bytes) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+MOST_NAMES = 4  # in a title
 
 
 def number(value: float) -> str:
@@ -58,28 +38,31 @@ def words(measure: str) -> str:
     return "IGD+" if measure == "igd_plus" else measure.replace("_", " ")
 
 
-def meaning(measure: str) -> str:
-    ends = {"_min": "lowest return of any policy", "_max": "highest return of any policy"}
-    return MEANINGS.get(measure) or ends.get(measure[-4:], "")
+@cache
+def _templates() -> Environment:
+    templates = Environment(
+        loader=PackageLoader(str(__package__), ""),
+        autoescape=lambda name: name is not None and name.endswith(".html"),
+        trim_blocks=True,
+        undefined=StrictUndefined,
+    )
+    for function in (chart, data_url, number, representatives, svg, width, words):
+        templates.filters[function.__name__] = function
+    templates.filters["yaml"] = write_yaml
+    return templates
+
+
+def rendered(template: str, **values: Any) -> str:
+    return _templates().get_template(template).render(values)
+
+
+def data_url(content: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def width(figure: Figure) -> str:
     """Return the width in pixels at which a figure's text has its own size."""
     return f"{96 * figure.get_figwidth():.0f}"
-
-
-def front_part(front: Front, figure: Figure) -> dict[str, Any]:
-    """Return a front that a user can point at, and the table of its representative policies."""
-    heads = ["policy", *(f"weight of {name}" for name in front.objectives)]
-    heads += [*(f"{name} (return)" for name in front.objectives), *front.quantity_names]
-    shares, values = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True), front.values
-    if front.falls is not None:
-        heads, values = [*heads, "fall rate"], np.column_stack([values, front.falls])
-    rows = [
-        [name, *(f"{share:.2f}" for share in shares[index]), *map(number, values[index])]
-        for index, name in representatives(front).items()
-    ]
-    return {"drawing": chart(figure, front), "width": width(figure), "heads": heads, "rows": rows}
 
 
 def chart(figure: Figure, front: Front) -> str:
@@ -90,41 +73,28 @@ def chart(figure: Figure, front: Front) -> str:
         for points in axes.collections:
             if (indices := shown.get(str(points.get_label()))) is not None and axes.name != "3d":
                 points.set_urls([f"#{index}" for index in indices])
-    texts = descriptions(front)
-    drawn = re.sub(
-        r'<a xlink:href="#(\d+)" target="_blank">',
-        lambda link: f'<a href="#{link[1]}"><title>{escape(texts[int(link[1])])}</title>',
-        svg(figure),
-    )
+    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
+    names, values = front.objectives + front.quantity_names, front.values
+
+    def described(link: re.Match[str]) -> str:
+        policy = int(link[1])
+        weights = [f"{n} {w:.2f}" for n, w in zip(front.objectives, shares[policy], strict=True)]
+        returns = [f"{n} {v:,.4g}" for n, v in zip(names, values[policy], strict=True)]
+        text = escape(f"weights: {', '.join(weights)}; returns: {', '.join(returns)}")
+        return f'<a href="#{policy}"><title>{text}</title>'
+
+    drawn = re.sub(r'<a xlink:href="#(\d+)" target="_blank">', described, svg(figure).decode())
     # HTML needs no namespaces, and the metadata names websites
     return re.sub(
         r"<metadata>.*?</metadata>|^.*?(?=<svg)| xmlns(:\w+)?=\"[^\"]*\"", "", drawn, flags=re.S
     )
 
 
-def svg(figure: Figure) -> str:
+def svg(figure: Figure) -> bytes:
     drawn = io.BytesIO()
     with mpl.rc_context(FILES):
         figure.savefig(drawn, format="svg", metadata={"Date": None})
-    return drawn.getvalue().decode()
-
-
-def descriptions(front: Front) -> list[str]:
-    """Return the trade-off, the returns and the measured quantities of every policy, as text."""
-    shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-
-    def named(names: tuple[str, ...], values: np.ndarray, form: str) -> str:
-        pairs = zip(names, values.tolist(), strict=True)
-        return ", ".join(f"{name} {value:{form}}" for name, value in pairs)
-
-    texts = []
-    for index, weights in enumerate(shares):
-        text = f"weights: {named(front.objectives, weights, '.2f')}"
-        text += f"; returns: {named(front.objectives, front.returns[index], ',.4g')}"
-        if front.quantities is not None:
-            text += f"; {named(front.quantity_names, front.quantities[index], ',.4g')}"
-        texts.append(text)
-    return texts
+    return drawn.getvalue()
 
 
 def card(
@@ -140,39 +110,160 @@ def card(
     `trials` are the choice under other conditions, and `origin` texts such as the checkpoint, both
     by name. `commands` are command lines that use the choice, `strip` is a film strip as PNG.
     """
-    required, names = choice.required, choice.required.names
+    required = choice.required
     # a fall breaks every requirement
-    kept = {
-        name: trial.falls == 0 and bool(required.kept(trial.values[None])[0])
+    missed = [
+        name
         for name, trial in trials.items()
-    }
+        if trial.falls or not required.kept(trial.values[None])[0]
+    ]
     return rendered(
         "card.html",
         task=task,
-        limits=[(limit.sign, number(limit.level), names[limit.index]) for limit in required.limits],
-        maximized=names[required.maximized],
-        weights=[
-            f"{name} {weight:.1%}"
-            for name, weight in zip(choice.returns, choice.tradeoff, strict=True)
-        ],
-        strip=strip and data_url("png", strip),
-        values=choice.rows(",.4g"),
-        cost=number(choice.cost),
-        most=number(choice.values[required.maximized] + choice.cost),
-        simulated=choice.simulated,
-        conditions=["condition", *(names[i] for i in required.used), "falls", "keeps all"],
-        trials=[
-            [
-                name,
-                *map(number, trial.values[required.used]),
-                f"{trial.falls:.0%}",
-                "yes" if kept[name] else "no",
-            ]
-            for name, trial in trials.items()
-        ],
-        episodes=max(trial.episodes for trial in trials.values()),
-        left_out=[name for name in CONDITIONS if name not in trials],
-        missed=[name for name in trials if not kept[name]],
+        choice=choice,
+        maximized=required.names[required.maximized],
+        strip=strip,
+        trials=trials,
+        missed=missed,
+        conditions=CONDITIONS,
         origin=origin,
         commands=commands,
     )
+
+
+def facts(run: Evaluated) -> dict[str, str]:
+    """Return how a run was trained, as texts by name."""
+    config, history = run.policy.config, run.history
+    texts = {
+        "checkpoint": run.front.checkpoint,
+        "algorithm": config.algorithm,
+        "random seed": str(config.seed),
+        "device": config.device or "unknown",
+        "parallel worlds": f"{config.worlds:,}",
+    }
+    if history is not None:
+        texts["environment steps"] = f"{history.env_steps[-1]:,.0f}"
+        texts["training time"] = str(timedelta(seconds=round(float(history.train_seconds[-1]))))
+    name = hypervolume_in(run.measures)
+    texts[name.replace("_", ", ")] = number(run.measures[name])
+    if run.machines:  # each named as often as it follows another one
+        hardware = (machine.hardware() for machine in run.machines)
+        software = (machine.software() for machine in run.machines)
+        texts["trained on"] = "; then ".join(part for part, _ in groupby(hardware))
+        texts["trained with"] = "; then ".join(part for part, _ in groupby(software))
+    return texts
+
+
+def write(
+    evaluations: Mapping[str, Evaluated],
+    folder: Path,
+    conditions: Mapping[str, Any],
+    typed: str,
+    portrait: bytes | None = None,
+) -> None:
+    """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
+
+    `conditions` of the evaluation are values of report.html, `typed` is the command line, and
+    `portrait` a picture of the robot as PNG.
+    """
+    drawn: list[tuple[str, Figure]] = []
+    fronts: dict[str, Figure] = {}
+    runs, several = list(evaluations.values()), len(evaluations) > 1
+    task = title(runs[0].policy.config.env)
+    histories = [run.history for run in runs if run.history is not None]
+    protocols = {run.policy.config.evaluation.protocol for run in runs}
+
+    def save(path: Path, caption: str, figure: Figure) -> None:
+        figures.save(figure, path)
+        drawn.append((caption, figure))
+
+    make_folder(folder)
+    if several:
+        overlaid = figures.fronts_figure({n: run.front for n, run in evaluations.items()}, task)
+        caption = "Fronts of all runs, without policies dominated within their own run."
+        save(folder / "fronts", caption, overlaid)
+    if histories and len(protocols) == 1:
+        curves = figures.hypervolume_figure(histories, task)
+        save(folder / "hypervolume", "Hypervolume during training.", curves)
+    for name, run in evaluations.items():
+        subfolder, heading = folder / name if several else folder, f"{task}: {name}"
+        make_folder(subfolder)
+        run.front.save(subfolder / "front.npz")
+        write_rows(subfolder / "front.csv", front_rows(run.front))
+        fronts[name] = figures.front_figure(run.front, heading)
+        figures.save(fronts[name], subfolder / "front")
+        for stem, caption, figure in pictures(run.front, heading):
+            save(subfolder / stem, f"{name}: {caption}", figure)
+    rows: list[list] = [["run", "path", "env", "seed", *runs[0].measures]]
+    for name, run in evaluations.items():
+        config = run.policy.config
+        rows.append([*map(cell, (name, run.path, config.env)), config.seed, *run.measures.values()])
+    write_rows(folder / "indicators.csv", rows)
+    if several:
+        heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
+        summary = quartiles([run.measures for run in runs])
+        quarters = ([name, *three, len(runs)] for name, three in summary.items())
+        write_rows(folder / "summary.csv", [heads, *quarters])
+    shown = ", ".join(evaluations) if len(runs) <= MOST_NAMES else f"{len(runs)} runs"
+    told = {name: facts(run) for name, run in evaluations.items()}
+    objectives = runs[0].front.objectives
+    report = rendered(
+        "report.html",
+        title=f"{task}: {shown}",
+        verdict=verdict_of(evaluations),
+        **conditions,
+        command=typed,
+        colors=dict(zip(objectives, of_objectives(len(objectives)), strict=True)),
+        runs=evaluations,
+        fronts=fronts,
+        figures=drawn,
+        training=told,
+        settings=dict.fromkeys(name for texts in told.values() for name in texts),
+        portrait=portrait,
+        indicators=indicator_cells(runs),
+    )
+    write_file(folder / "report.html", report)
+
+
+def indicator_cells(runs: Sequence[Evaluated]) -> dict[str, list[str]]:
+    """Return the values of each indicator, of several runs with the median and quartiles."""
+    measured = [run.measures for run in runs]
+    cells = {name: [number(values[name]) for values in measured] for name in measured[0]}
+    if len(runs) > 1:
+        for name, values in quartiles(measured).items():
+            low, median, high = map(number, values)
+            cells[name] += [median, f"{low} - {high}"]
+    return cells
+
+
+def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
+    """Return file name, caption and figure of every picture of one front beside that of itself."""
+    caption = "return of each objective against the trade-off."
+    drawn = [("returns", caption, figures.returns_figure(front, title))]
+    if len(front.objectives) > 3:
+        lines, best = len(figures.shown_lines(front)), int(front.non_dominated.sum())
+        caption = f"the front, one line per policy: {lines} of {best}."
+        drawn.append(("parallel", caption, figures.parallel_figure(front, title)))
+    if front.quantities is not None:
+        caption = "what each policy does, in physical units, colored by trade-off."
+        drawn.append(("quantities", caption, figures.quantities_figure(front, title)))
+    return drawn
+
+
+def front_rows(front: Front) -> list[list]:
+    assert front.falls is not None
+    heads = [
+        *(f"tradeoff_{name}" for name in front.objectives),
+        *(f"return_{name}" for name in front.objectives),
+        *front.quantity_names,
+        *("length", "falls", "non_dominated", "obeys"),
+    ]
+    numbers = np.column_stack([front.tradeoffs, front.values]).tolist()
+    marks = np.column_stack([front.lengths, front.falls, front.non_dominated, front.obeys])
+    pairs = zip(numbers, marks, strict=True)
+    return [heads, *([*row, *(f"{mark:g}" for mark in some)] for row, some in pairs)]
+
+
+def cell(name: str) -> str:
+    """Quote a name that a spreadsheet would run as a formula."""
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r")) else name

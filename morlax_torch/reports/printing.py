@@ -16,17 +16,19 @@ from ..host.files import make_folder, write_file
 from ..runs.loading import load, load_front
 from . import comparison
 from .comparison import Evaluated, Quartiles
-from .page import words
+from .page import rendered, words
 
 VECTORS = ("pdf", "svg")
 WIDTHS = {"paper": 3.5, "screen": None}  # in inches; None: as wide as the plots need
 NARROWEST, WIDEST = 2.0, 20.0
-SPECIAL = {
-    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-}
+ESCAPED = str.maketrans(
+    {
+        **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+    }
+)
 Row = tuple[str, str]  # task and algorithm
 
 
@@ -83,37 +85,26 @@ def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
     """Return the table of indicators: the median and quartiles over the runs of each row."""
     measured: dict[Row, dict[str, Quartiles]] = {}
     for row, group in rows.items():
-        rivals = [run for other in rows if other[0] == row[0] for run in rows[other].values()]
-        fronts = [run.front for run in rivals]
+        rivals = [runs for other, runs in rows.items() if other[0] == row[0]]
+        fronts = [run.front for runs in rivals for run in runs.values()]
         target = comparison.union(fronts) if len(fronts) > 1 else None  # of IGD+
-        first, *others = [run.front.indicators(target) for run in group.values()]
-        shared = [name for name in first if all(name in other for other in others)]
-        indicators = [{name: one[name] for name in shared} for one in (first, *others)]
+        indicators = [run.front.indicators(target) for run in group.values()]
         measured[row] = comparison.quartiles(indicators)
     names = list(dict.fromkeys(name for values in measured.values() for name in values))
-    lines = [
-        "% Median [lower quartile, upper quartile] over runs; needs \\usepackage{booktabs}",
-        f"\\begin{{tabular}}{{lll{'r' * len(names)}}}",
-        "\\toprule",
-        _line(["task", "algorithm", "seeds", *map(words, names)]),
-        "\\midrule",
-    ]
+    lines = []
     for (task, algorithm), group in rows.items():
         seeds = sorted(run.policy.config.seed for run in group.values())
+        texts = title(task), algorithm, ", ".join(map(str, seeds))
         values = measured[task, algorithm]
         cells = [_cell(values[name], len(group)) if name in values else "--" for name in names]
-        lines.append(_line([title(task), algorithm, ", ".join(map(str, seeds))], cells))
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}\n"])
-
-
-def _line(texts: Sequence[str], cells: Sequence[str] = ()) -> str:
-    escaped = ["".join(SPECIAL.get(letter, letter) for letter in text) for text in texts]
-    return " & ".join([*escaped, *cells]) + " \\\\"
+        lines.append([*(text.translate(ESCAPED) for text in texts), *cells])
+    heads = [words(name).translate(ESCAPED) for name in names]
+    return rendered("indicators.tex", names=heads, rows=lines)
 
 
 def _cell(values: Quartiles, runs: int) -> str:
     """Return three digits of the median, with the quartiles of several runs, and one exponent."""
-    size = math.floor(math.log10(abs(values.median))) if values.median else 0
+    size = math.floor(math.log10(abs(values[1]))) if values[1] else 0
     exponent = size if size >= 4 or size <= -3 else 0
     low, median, high = (f"{v / 10**exponent:.{max(0, 2 - size + exponent)}f}" for v in values)
     text = f"{median}\\ [{low}, {high}]" if runs > 1 else median

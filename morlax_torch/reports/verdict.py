@@ -106,21 +106,19 @@ def _gain(front: Front) -> str:
     """Say what the front offers, between the two objectives that conflict most."""
     returns, names = front.returns[front.non_dominated], front.objectives
     ((one, other),) = conflicting_pairs(returns)
-    start, end = returns[returns[:, one].argmax()], returns[returns[:, other].argmax()]
-    changes = " and ".join(_change(names[k], start[k], end[k]) for k in (one, other))
+    changes = []
+    for k in (one, other):
+        start, end = returns[returns[:, one].argmax(), k], returns[returns[:, other].argmax(), k]
+        moves = "rises" if end > start else "falls"
+        # a share means something only of positive returns
+        share = f" by {100 * abs(end / start - 1):.0f} %" if start > 0 and end > 0 else ""
+        changes.append(f"{names[k]} {moves}{share} ({start:,.4g} to {end:,.4g})")
     offer = (
         f"{len(returns)} of {len(front.tradeoffs)} policies are non-dominated; from the best "
-        f"policy of {names[one]} to that of {names[other]}, {changes}"
+        f"policy of {names[one]} to that of {names[other]}, {' and '.join(changes)}"
     )
     rate = _fall_rate(front)
     return f"{offer}; {100 * rate:.3g} % of the episodes fail" if rate > SOME_FALLS else offer
-
-
-def _change(name: str, start: float, end: float) -> str:
-    """Say how a return changes; a share only of positive returns, where it means something."""
-    moves = "rises" if end > start else "falls"
-    share = f" by {100 * abs(end / start - 1):.0f} %" if start > 0 and end > 0 else ""
-    return f"{name} {moves}{share} ({start:,.4g} to {end:,.4g})"
 
 
 def _rising(history: History) -> str | None:

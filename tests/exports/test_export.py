@@ -17,9 +17,8 @@ from torch import Tensor, nn
 
 from morlax_torch import MorlaxError, Policy, envs, save
 from morlax_torch.commands import export
-from morlax_torch.exports.exporting import actuators, control, manifest
+from morlax_torch.exports.exporting import FORMATS, Format, actuators, control, manifest
 from morlax_torch.exports.exporting import export as export_run
-from morlax_torch.exports.formats import FORMATS, Format
 from morlax_torch.runs import checkpoint, loading
 from morlax_torch.runs.progress import Progress
 

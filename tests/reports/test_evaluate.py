@@ -22,12 +22,12 @@ from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
+from morlax_torch.reports.page import cell
 from morlax_torch.reports.printing import latex
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.evaluating import evaluate as evaluate_run
 from morlax_torch.runs.progress import History
-from morlax_torch.viewers.preferences import teaching
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")
 THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: {upright: 4}}\n"
@@ -422,8 +422,6 @@ def test_quartiles_are_computed_over_runs():
 
 
 def test_names_that_a_spreadsheet_would_run_are_quoted():
-    from morlax_torch.reports.results import cell
-
     names = ["=1+1", "+x", "-x", "@x", "\tx", "runs/a", "x=1"]
     assert [cell(name)[0] == "'" for name in names] == [True] * 5 + [False] * 2
 
@@ -434,7 +432,8 @@ def test_runs_are_compared_if_their_worlds_agree(tmp_path, make_policy):
     policies["even"] = make_policy()
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         generator, path = torch.Generator().manual_seed(seed), tmp_path / f"{name}.pt"
-        teaching.save(LearnedReward(13, 4, generator=generator), path)
+        with path.open("wb") as file:  # a path's name would be part of the content
+            torch.save(LearnedReward(13, 4, generator=generator).contents(), file)
         policies[name] = make_policy(task={"objectives": objectives, "learned": str(path)})
 
     def check(*names: str) -> None:

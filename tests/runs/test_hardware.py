@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -9,7 +10,8 @@ from tiny import learner, tiny
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.host.resources import memory_of
-from morlax_torch.reports.results import facts
+from morlax_torch.reports.comparison import Evaluated
+from morlax_torch.reports.page import facts
 from morlax_torch.runs import Run, hardware
 from morlax_torch.runs.hardware import Machine, device_name, read_machines
 
@@ -61,11 +63,12 @@ def test_a_damaged_record_is_one_sentence(folder, trainer):
 
 
 def test_facts_name_each_change_of_hardware_and_software():
-    config, measures = tiny(), {"hypervolume": 1.0}
-    assert "trained on" not in facts(config, None, measures)
+    policy, front = SimpleNamespace(config=tiny()), SimpleNamespace(checkpoint="best.pt")
+    run = Evaluated("", policy, front, None, {"hypervolume": 1.0})
+    assert "trained on" not in facts(run)
     newer = OTHER.model_copy(update={"torch": "2.10.0"})
     pair = Machine(device="B200", processes=2, cores=1, torch="2.10.0", simulator="mjlab 1.0")
-    found = facts(config, None, measures, [OTHER, newer, pair])
+    found = facts(run._replace(machines=[OTHER, newer, pair]))
     assert found["trained on"] == "NVIDIA H200, 16 CPU cores; then 2 x B200, 1 CPU core"
     assert found["trained with"] == (
         "PyTorch 2.9.0, MuJoCo Warp 3.4.0; then PyTorch 2.10.0, MuJoCo Warp 3.4.0; "

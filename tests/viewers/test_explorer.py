@@ -30,7 +30,7 @@ from morlax_torch.viewers.explorer.session import (
     contact_arrows,
     frame_bytes,
 )
-from morlax_torch.viewers.preferences.comparisons import Comparisons
+from morlax_torch.viewers.preferences.teaching import Comparisons
 
 
 @pytest.fixture
@@ -351,7 +351,7 @@ def test_an_objective_is_taught_by_answers(tmp_path, monkeypatch):
         for number in range(12):
             client.until(lambda n=number: client.state["asking"]["answers"] == n, "no effect")
             a, b = comparisons.pair(random)  # the clips that the page shows
-            comparisons.answer(*((a, b) if height[a] > height[b] else (b, a)))
+            comparisons.answers.append((a, b) if height[a] > height[b] else (b, a))
             client.send("answer", preferred=0 if height[a] > height[b] else 1)
         client.until(lambda: client.state["asking"]["over"], "there is no end")
         client.close()

@@ -199,7 +199,7 @@ def test_keys_and_sticks_steer_within_the_ranges(cart, tmp_path):
     events = EVENT.pack(0, 32767, 2, 1) + EVENT.pack(1, 1, 1, 0)  # back, and a button
     (tmp_path / "js0").write_bytes(events)
     for event in Gamepad(tmp_path / "js0").events():
-        steering.feel(event)
+        steering.feel(*event)
     np.testing.assert_allclose(steering.command, [-0.5, 0, 0], atol=1e-9)
     assert policy.target.tolist() == [0, 1]
 

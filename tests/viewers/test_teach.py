@@ -23,8 +23,7 @@ from morlax_torch.runs.loading import start_from
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.preferences import teaching
-from morlax_torch.viewers.preferences.comparisons import SECONDS, Clips, Comparisons, record
-from morlax_torch.viewers.preferences.teaching import Lesson
+from morlax_torch.viewers.preferences.teaching import SECONDS, Clips, Comparisons, Lesson, record
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 SMALL = {
@@ -43,7 +42,7 @@ THREE = {"run": {"run": 1.0}, "energy": {"energy": 1.0}, "tall": {"learned": 2.0
 def saved(path: Path, observations: int = 17, actions: int = 6) -> Path:
     """Write a random reward, of cheetahs by default."""
     generator = torch.Generator().manual_seed(0)
-    teaching.save(LearnedReward(observations, actions, generator=generator), path)
+    torch.save(LearnedReward(observations, actions, generator=generator).contents(), path)
     return path
 
 
@@ -68,7 +67,7 @@ def base(tmp_path_factory) -> Path:
 def lesson(base, tmp_path_factory) -> Lesson:
     """Return a finished lesson on the height of the torso."""
     lesson = Lesson(str(base), tmp_path_factory.mktemp("lessons") / "tall", "tall", clips=20)
-    lesson.judge("height", 40)
+    lesson.comparisons.judge("height", 40, lesson.random)
     lesson.finish()
     return lesson
 
@@ -171,7 +170,7 @@ def test_a_reward_is_learned_from_comparisons():
     comparisons.judge("first", 200, np.random.default_rng(0))
     fitted = teaching.fit(comparisons)
     assert fitted.checked == 40 and fitted.accuracy > 0.85
-    steps = torch.cat(teaching.steps_of(comparisons), -1).flatten(0, 1)
+    steps = teaching.steps_of(comparisons).flatten(0, 1)
     rated = (fitted.reward.ratings(steps).mean(0) - fitted.reward.offset) / fitted.reward.unit
     means = rated.view(120, -1).mean(1).numpy()
     assert np.corrcoef(means, comparisons.clips.observation[:, :, 0].mean(1))[0, 1] > 0.9
@@ -185,7 +184,7 @@ def test_a_lesson_continues_with_its_answers(base, lesson):
     again = Lesson(str(base), lesson.folder, "tall", clips=20)
     assert again.comparisons.answers == lesson.comparisons.answers
     assert len(again.comparisons.clips.action) == len(lesson.comparisons.clips.action)
-    assert again.pair() not in lesson.comparisons.answers
+    assert again.comparisons.pair(again.random) not in lesson.comparisons.answers
 
 
 def test_a_lesson_s_objective_varies_as_much_as_the_others(lesson):

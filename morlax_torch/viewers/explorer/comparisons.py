@@ -76,9 +76,9 @@ def questions(lesson: Lesson, most: int) -> Questions:
     config, comparisons = lesson.policy.config, lesson.comparisons
     robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
     for _ in range(most):
-        pair = lesson.pair()
+        pair = comparisons.pair(lesson.random)
         positions = [comparisons.clips.qpos[clip] for clip in pair]
         preferred = yield [Clip(robot.physics.model, qpos, robot.dt) for qpos in positions], {}
         if preferred is not None:
-            comparisons.answer(pair[preferred], pair[1 - preferred])
+            comparisons.answers.append((pair[preferred], pair[1 - preferred]))
             lesson.save()

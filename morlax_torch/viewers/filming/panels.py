@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from scipy.signal import detrend, find_peaks
 
 COLUMNS = 4  # panels per row, at most
 GAP = 4  # pixels between panels
@@ -23,42 +24,33 @@ def dimmed(picture: Image.Image) -> Image.Image:
     return Image.blend(picture, Image.new("RGB", picture.size, PALE), 0.45)
 
 
+class Layout:
+    """The table of objectives on a picture; its numbers are in pixels."""
+
+    def __init__(self, rows: Sequence[Row], height: int):
+        size = max(11, height // 22)
+        self.font, self.small = _font(size), _font(round(0.8 * size))
+        self.pad, self.line = size // 2, round(1.35 * size)
+        wide = [max(map(self.font.getlength, column)) for column in zip(*rows, strict=True)]
+        wide[1] = max(wide[1], self.small.getlength(HEAD[1]))
+        wide[2] = max(wide[2], self.font.getlength("00,000"))  # keeps the table width constant
+        self.ends = np.cumsum(wide) + size * np.arange(2, 5)  # of the columns
+        self.right, self.bottom = float(self.ends[2]), 2 * self.pad + self.line * (1 + len(rows))
+
+
 def captioned(picture: Image.Image, rows: Sequence[Row], clock: str) -> Image.Image:
     """Return a copy with a table and the time, in words, drawn on it."""
-    picture = picture.copy()
-    size = _size(picture.height)
-    pad, line, font, small = size // 2, round(1.35 * size), _font(size), _font(round(0.8 * size))
-    right = _columns(rows, size)
-    draw = ImageDraw.Draw(picture, "RGBA")
-    table = (pad, pad, *table_corner(rows, picture.height))
-    draw.rounded_rectangle(table, radius=pad, fill=(*PAPER, 190))
-    for number, row in enumerate([HEAD, *rows]):
-        y = 1.5 * pad + (number + 0.5) * line
-        look = (INK, font) if number else (PALE, small)
-        draw.text((2 * pad, y), row[0], *look, anchor="lm")
-        for x, words in zip(right[1:] - pad, row[1:], strict=True):
-            draw.text((x, y), words, *look, anchor="rm")
-    draw.text((picture.width - pad, picture.height - pad), clock, INK, font, anchor="rs")
+    picture, table = picture.copy(), Layout(rows, picture.height)
+    draw, pad = ImageDraw.Draw(picture, "RGBA"), table.pad
+    draw.rounded_rectangle((pad, pad, table.right, table.bottom), pad, (*PAPER, 190))
+    for number, (name, *words) in enumerate([HEAD, *rows]):
+        y = 1.5 * pad + (number + 0.5) * table.line
+        look = (INK, table.font) if number else (PALE, table.small)
+        draw.text((2 * pad, y), name, *look, anchor="lm")
+        for x, text in zip(table.ends[1:] - pad, words, strict=True):
+            draw.text((x, y), text, *look, anchor="rm")
+    draw.text((picture.width - pad, picture.height - pad), clock, INK, table.font, anchor="rs")
     return picture
-
-
-def table_corner(rows: Sequence[Row], height: int) -> tuple[float, float]:
-    """Return the lower right corner of the table on a picture of this height, in pixels."""
-    size = _size(height)
-    line = round(1.35 * size)
-    return float(_columns(rows, size)[2]), 2 * (size // 2) + line * (1 + len(rows))
-
-
-def _columns(rows: Sequence[Row], size: int) -> NDArray:
-    font, small = _font(size), _font(round(0.8 * size))
-    wide = [max(map(font.getlength, column)) for column in zip(*rows, strict=True)]
-    wide[1] = max(wide[1], small.getlength(HEAD[1]))
-    wide[2] = max(wide[2], font.getlength("00,000"))  # keeps the table width constant
-    return np.cumsum(wide) + size * np.arange(2, 5)
-
-
-def _size(height: int) -> int:
-    return max(11, height // 22)
 
 
 def side_by_side(panels: Sequence[Image.Image], most: int = COLUMNS) -> NDArray[np.uint8]:
@@ -73,20 +65,14 @@ def side_by_side(panels: Sequence[Image.Image], most: int = COLUMNS) -> NDArray[
     return np.asarray(sheet)
 
 
-def strip(rows: Sequence[Sequence[Image.Image]], labels: Sequence[str]) -> NDArray[np.uint8]:
-    """Arrange rows of pictures of one size, each after a label of some lines: (H, W, 3) RGB."""
-    panels: list[Image.Image] = []
-    for row, label in zip(rows, labels, strict=True):
-        width, height = row[0].size
-        # large, because strips are scaled to page width, but no wider than a panel
-        longest = max(map(_font(100).getlength, label.splitlines())) / 100
-        size = max(8, min(height // 9, int(0.9 * width / longest)))
-        panels.append(Image.new("RGB", (width, height), PAPER))
-        middle = width - size / 3, height / 2
-        draw = ImageDraw.Draw(panels[-1])
-        draw.multiline_text(middle, label, INK, _font(size), "rm", align="right")
-        panels += row
-    return side_by_side(panels, 1 + len(rows[0]))
+def labeled(text: str, width: int, height: int) -> Image.Image:
+    """Return an empty picture with lines of text at its right."""
+    # large, because strips are scaled to page width, but no wider than a panel
+    longest = max(map(_font(100).getlength, text.splitlines())) / 100
+    size = max(8, min(height // 9, int(0.9 * width / longest)))
+    picture, middle = Image.new("RGB", (width, height), PAPER), (width - size / 3, height / 2)
+    ImageDraw.Draw(picture).multiline_text(middle, text, INK, _font(size), "rm", align="right")
+    return picture
 
 
 def timed(picture: Image.Image, seconds: float) -> Image.Image:
@@ -106,18 +92,15 @@ def cycle(positions: NDArray[np.float64], dt: float) -> int | None:
     steps = len(moving)
     if steps < 4 or not moving.size:
         return None
-    time = np.vander(np.linspace(-1, 1, steps), 2)
-    motion = moving - time @ np.linalg.lstsq(time, moving, rcond=None)[0]
-    longest = min(steps // 2, round(SLOWEST / dt))
+    motion = detrend(moving, axis=0)
     powers = np.square(motion).sum(1)
-    alike = np.ones(longest + 1)
-    for lag in range(1, longest + 1):
+    alike = np.ones(1 + min(steps // 2, round(SLOWEST / dt)))
+    for lag in range(1, len(alike)):
         both = np.sqrt(powers[lag:].sum() * powers[:-lag].sum())
         alike[lag] = (motion[lag:] * motion[:-lag]).sum() / max(both, 1e-12)
-    inner = alike[1:-1]
-    peaks = 1 + np.flatnonzero((inner > alike[:-2]) & (inner >= alike[2:]) & (inner > ALIKE))
+    peaks, _ = find_peaks(alike, ALIKE)
     apart = peaks[np.minimum.accumulate(alike)[peaks] < 0.5 * alike[peaks]]
-    high = apart[alike[apart] > 0.85 * alike[apart].max()] if len(apart) else apart
+    high = apart[alike[apart] > 0.85 * alike[apart].max(initial=0.0)]
     return int(high[0]) if len(high) else None
 
 

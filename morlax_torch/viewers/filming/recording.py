@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from io import BytesIO
+from itertools import chain, product
 from pathlib import Path
 from shutil import which
 
@@ -20,7 +21,7 @@ from ...envs.errors import installation
 from ...evaluation.figures import map_figure
 from ...evaluation.front import Front
 from ...evaluation.style import pixels
-from ...host.files import replacing
+from ...host.files import replacing, write_file
 from ...host.phases import phase
 from ...networks.policy import Policy
 from ..camera import WHOLE, Area, FollowingCamera, cameras_for
@@ -66,8 +67,8 @@ class Film:
         bodies: Sequence[Mapping[str, float]] = (),
     ):
         check_size(width, height)
-        policies, shown = [policy.for_design(body) for body in bodies] or [policy], list(tradeoffs)
-        players = [Player(each, tradeoff, seed) for each in policies for tradeoff in shown]
+        policies = [policy.for_design(body) for body in bodies] or [policy]
+        players = [Player(*pair, seed) for pair in product(policies, tradeoffs)]
         self._takes = [Take(player, width, height) for player in players]
         self._size = width, height
         self.dt = self._takes[0].player.env.dt
@@ -95,8 +96,10 @@ class Film:
         takes = self._takes
         for take in takes:
             take.reset()
+        steps = self.steps(seconds)
         with self._scenes() as scenes:
-            for step in range(0, self.steps(seconds) + 1, stride):
+            for step in range(0, steps + 1, stride):
+                phase("filming", step / steps)
                 for take in takes:
                     while take.player.steps < step and not take.failed:
                         take.step()
@@ -112,30 +115,30 @@ class Film:
         if not 2 <= pictures <= MOST_PICTURES:
             raise MorlaxError(f"a row has 2 to {MOST_PICTURES} pictures, not {pictures}.")
         steps, player = self.steps(seconds), self._takes[0].player
-        moments = []
+        rows = []
         for number, take in enumerate(self._takes):
             phase("filming", number / len(self._takes))
-            moments += take.moments(steps, pictures)
+            rows.append(take.moments(steps, pictures))
         aspect, base = self._size[0] / self._size[1], player.env.base
-        cameras = cameras_for(player.model, aspect, [data for data, *_ in moments], base)
-        rows: list[list[Image.Image]] = [[] for _ in self._takes]
+        poses = [data for row in rows for data, *_ in row]
+        cameras, drawn = iter(cameras_for(player.model, aspect, poses, base)), []
         with self._scenes() as scenes:
-            for i, (data, time, failed) in enumerate(moments):
-                picture = Image.fromarray(scenes[i // pictures].draw(data, cameras[i]))
-                picture = panels.dimmed(picture) if failed else picture
-                rows[i // pictures].append(panels.timed(picture, time))
-        return panels.strip(rows, [take.label() for take in self._takes])
+            for take, scene, row in zip(self._takes, scenes, rows, strict=True):
+                drawn.append(panels.labeled(take.label(), *self._size))
+                for data, time, failed in row:
+                    picture = Image.fromarray(scene.draw(data, next(cameras)))
+                    picture = panels.dimmed(picture) if failed else picture
+                    drawn.append(panels.timed(picture, time))
+        return panels.side_by_side(drawn, 1 + pictures)
 
     @contextmanager
     def _scenes(self) -> Iterator[list[Scene]]:
         """Open the scene of each robot; robots of one body share theirs."""
+        players, scenes = [take.player for take in self._takes], {}
         with ExitStack() as stack:
-            scenes: dict[Policy, Scene] = {}
-            for player in (take.player for take in self._takes):
-                if player.policy not in scenes:
-                    scene = Scene(player.model, *self._size)
-                    scenes[player.policy] = stack.enter_context(scene)
-            yield [scenes[take.player.policy] for take in self._takes]
+            for player in {player.policy: player for player in players}.values():
+                scenes[player.policy] = stack.enter_context(Scene(player.model, *self._size))
+            yield [scenes[player.policy] for player in players]
 
 
 class Take:
@@ -146,8 +149,8 @@ class Take:
         self.failed = False
         self._frozen: Image.Image | None = None  # its picture since it failed
         # the robot stands right of the table or below it; in a small picture, anywhere
-        right, bottom = panels.table_corner(self._table(), height)
-        areas = [Area(0, 0, 1, 1 - bottom / height), Area(right / width, 0, 1, 1)]
+        table = panels.Layout(self._table(), height)
+        areas = [Area(0, 0, 1, 1 - table.bottom / height), Area(table.right / width, 0, 1, 1)]
         free = [area for area in areas if min(area.top, 1 - area.left) > 0.5]
         aspect = width / height
         self._camera = FollowingCamera(player.model, aspect, free or [WHOLE], player.env.base)
@@ -208,20 +211,18 @@ class Take:
         ]
 
     def _table(self) -> list[panels.Row]:
-        sums = self.player.returns.tolist()
-        returns = [f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}" for x in sums]
-        return [(*weight, text) for weight, text in zip(self._weights(), returns, strict=True)]
+        player, rows = self.player, []
+        shares = (player.tradeoff / player.tradeoff.sum()).tolist()
+        columns = player.env.objectives, shares, player.returns.tolist()
+        for name, share, x in zip(*columns, strict=True):
+            rows.append((name, f"{share:.2f}", f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}"))
+        return rows
 
     def label(self) -> str:
         """Return a line for each weight, or "only NAME" if there is one."""
-        weights = self._weights()
+        weights = [row[:2] for row in self._table()]
         alone = [f"only {name}" for name, share in weights if share == "1.00"]
-        return "\n".join([*self._body(), "".join(alone) or "\n".join(map(" ".join, weights))])
-
-    def _weights(self) -> list[tuple[str, str]]:
-        shares = self.player.tradeoff / self.player.tradeoff.sum()
-        names = self.player.env.objectives
-        return [(name, f"{share:.2f}") for name, share in zip(names, shares.tolist(), strict=True)]
+        return "\n".join([*self._body(), *(alone or map(" ".join, weights))])
 
 
 class Sweep(Film):
@@ -244,6 +245,7 @@ class Sweep(Film):
         steps, legs = self.steps(seconds), np.arange(len(self._corners))
         with self._scenes() as (scene,):
             for step in range(0, steps + 1, stride):
+                phase("filming", step / steps)
                 passed = step / steps * legs[-1]
                 tradeoff = np.array([np.interp(passed, legs, column) for column in self._corners])
                 take.player.tradeoff = tradeoff.tolist()
@@ -278,15 +280,11 @@ def record(
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
 
     Args:
-        policy: as `morlax_torch.load` returns it.
-        output: the file.
         tradeoffs: (P, m), one panel each (empty: the corners and the balanced trade-off).
         seconds: simulated time; a film strip shows the end of it.
         speed: playback speed of a film; 0.5 is slow motion.
-        width: of a panel, in pixels.
-        height: of a panel, in pixels.
+        width, height: of a panel, in pixels.
         pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
-        seed: random seed of the world.
         bodies: design parameters of each body to show, by name, each with every trade-off (empty:
             the body of the policy). Then the default is the balanced trade-off.
         sweep: film one robot instead, whose trade-off moves along this front of the policy.
@@ -306,28 +304,23 @@ def record(
     else:
         film = Sweep(policy, sweep, width, height, seed)
     if ending == ".png":
-        with replacing(output) as file:
-            Image.fromarray(film.strip(seconds, pictures)).save(file, format="PNG")
+        write_file(output, _png(film.strip(seconds, pictures)))
     else:
         stride, fps = film.pace(speed, FASTEST[ending])
-        total = film.steps(seconds) // stride + 1
-
-        def frames() -> Iterator[NDArray[np.uint8]]:
-            for number, frame in enumerate(film.frames(seconds, stride)):
-                phase("filming", number / total)
-                yield frame
-
-        write_video(output, frames(), fps)
+        write_video(output, film.frames(seconds, stride), fps)
 
 
 def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
     """Return a small film strip of a policy on the CPU as PNG; None if it cannot be drawn here."""
     try:
-        drawn = Film(policy, [tradeoff], width=240, height=180).strip()
+        return _png(Film(policy, [tradeoff], width=240, height=180).strip())
     except MorlaxError:  # no OpenGL, or no MuJoCo robot
         return None
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
     file = BytesIO()
-    Image.fromarray(drawn).save(file, format="PNG")
+    Image.fromarray(picture).save(file, format="PNG")
     return file.getvalue()
 
 
@@ -349,8 +342,7 @@ def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> 
         with subprocess.Popen(command, stdin=pipe, stderr=pipe) as process:
             assert process.stdin is not None
             with suppress(BrokenPipeError):  # ffmpeg failed; its stderr has the reason
-                process.stdin.write(first.tobytes())
-                for frame in frames:
+                for frame in chain([first], frames):
                     process.stdin.write(frame.tobytes())
             _, message = process.communicate()
         if process.returncode:

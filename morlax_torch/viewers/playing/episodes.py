@@ -4,7 +4,9 @@ import os
 import struct
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,8 +64,8 @@ class Policy:
             raise MorlaxError(f"onnxruntime cannot load {deployment.policy}: {reason}.") from None
         self.objectives = tuple(deployment.settings.objectives)
         self.slides = "tradeoff" in {value.name for value in self._session.get_inputs()}
-        slew = deployment.settings.slew or np.inf
-        self._most = slew * deployment.settings.step_dt  # per control step
+        # largest change per control step
+        self._most = (deployment.settings.slew or np.inf) * deployment.settings.step_dt
         self.tradeoff = self.target = np.full(len(self.objectives), 1 / len(self.objectives))
 
     def choose(self, target: Array, at_once: bool = False) -> None:
@@ -83,27 +85,32 @@ class Policy:
         (actions,) = self._session.run(["action"], inputs)
         return np.asarray(actions, float)[0]
 
+    def drive(self, robot: Robot, command: Array) -> bool:
+        """Take a control step, and return whether the robot fell; then it starts again."""
+        fallen = robot.step(self.act(robot.observe(command))).fallen
+        if fallen:
+            robot.reset()
+        return fallen
 
-class Wishes:
-    """Draws commands within the ranges and trade-offs on the simplex, each for some seconds."""
 
-    def __init__(self, deployment: Export, policy: Policy, rng: np.random.Generator):
-        self._low, self._high = np.array(deployment.settings.limits).T
-        self._policy, self._rng = policy, rng
-        self._until = [0.0, 0.0]  # s: of the command and the trade-off
-        self._command = np.zeros(3)
+def wishes(deployment: Export, policy: Policy, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield a random command (3,) per control step, and tell the policy random trade-offs.
 
-    def command(self, seconds: float) -> Array:
-        """Return the command (3,) at this time, and tell the policy its trade-off."""
-        if seconds >= self._until[0]:
-            self._until[0] = seconds + self._rng.uniform(*PERIODS)
-            walks = self._rng.random() >= STANDING
-            self._command = walks * self._rng.uniform(self._low, self._high)
-        if seconds >= self._until[1]:
-            self._until[1] = seconds + self._rng.uniform(*PERIODS)
-            target = self._rng.dirichlet(np.ones(len(self._policy.objectives)))
-            self._policy.choose(target, at_once=seconds == 0)
-        return self._command
+    Each holds for some seconds.
+    """
+    low, high = np.array(deployment.settings.limits).T
+    next_command = next_tradeoff = 0.0  # s
+    command = np.zeros(3)
+    for step in count():
+        seconds = step * deployment.settings.step_dt
+        if seconds >= next_command:
+            next_command = seconds + rng.uniform(*PERIODS)
+            walks = rng.random() >= STANDING
+            command = walks * rng.uniform(low, high)
+        if seconds >= next_tradeoff:
+            next_tradeoff = seconds + rng.uniform(*PERIODS)
+            policy.choose(rng.dirichlet(np.ones(len(policy.objectives))), at_once=step == 0)
+        yield command
 
 
 class Steering:
@@ -126,9 +133,8 @@ class Steering:
         elif key == ENTER:
             self.command = np.zeros(3)
 
-    def feel(self, event: bytes) -> None:
+    def feel(self, value: int, kind: int, number: int) -> None:
         """Follow an event of a gamepad: left stick to walk, right one to turn, any button."""
-        _, value, kind, number = EVENT.unpack(event)
         if kind == AXIS and number in STICKS:
             entry, share = STICKS[number], -value / FULL
             limit = self._high[entry] if share > 0 else -self._low[entry]
@@ -154,23 +160,18 @@ class Steering:
 
 
 class Gamepad:
-    """A gamepad of Linux, such as /dev/input/js0; raises MorlaxError if it cannot be opened."""
+    """A gamepad of Linux, such as /dev/input/js0; raises MorlaxError if it cannot be used."""
 
     def __init__(self, path: Path):
-        if not hasattr(os, "O_NONBLOCK"):
-            raise MorlaxError("--gamepad needs Linux: leave it out and use the keys.")
         with attempting(f"use the gamepad {path}"):
-            self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+            self._file = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
 
-    def events(self) -> list[bytes]:
-        """Return the events since the last call, or raise MorlaxError if it is unplugged."""
-        with attempting("read the gamepad"):
-            try:
-                data = os.read(self._file, 64 * EVENT.size)
-            except BlockingIOError:
-                return []
-        complete = len(data) // EVENT.size * EVENT.size
-        return [data[start : start + EVENT.size] for start in range(0, complete, EVENT.size)]
+    def events(self) -> list[tuple[int, ...]]:
+        """Return value, kind and number of the events since the last call."""
+        data = b""
+        with attempting("read the gamepad"), suppress(BlockingIOError):
+            data = os.read(self._file, 64 * EVENT.size)  # the driver writes whole events
+        return [event[1:] for event in EVENT.iter_unpack(data)]
 
 
 class Episode(NamedTuple):
@@ -205,8 +206,8 @@ def run(
         phase("playing", number / episodes)
         draws, rng = np.random.SeedSequence([seed, number]).spawn(2)
         robot = Robot(deployment, disturbances, draws)
-        wishes = Wishes(deployment, policy, np.random.default_rng(rng))
-        rows.append(_episode(robot, policy, wishes, steps))
+        commands = wishes(deployment, policy, np.random.default_rng(rng))
+        rows.append(_episode(robot, policy, islice(commands, steps)))
     return rows
 
 
@@ -217,10 +218,9 @@ def _steps(deployment: Export, seconds: float) -> int:
     return round(seconds / step)
 
 
-def _episode(robot: Robot, policy: Policy, wishes: Wishes, steps: int) -> Episode:
+def _episode(robot: Robot, policy: Policy, commands: Iterable[Array]) -> Episode:
     fallen, rows = False, []  # error, power and speed of each step
-    for step in range(steps):
-        command = wishes.command(step * robot.dt)
+    for command in commands:
         made = robot.step(policy.act(robot.observe(command)))
         if fallen := made.fallen:
             break
@@ -250,10 +250,10 @@ def show(
     gamepad: Path | None = None,
     seed: int = 0,
 ) -> int:
-    """Run the robot in real time in a window that steers it, until the window is closed.
+    """Run the robot in real time in a window that steers it, and return the number of falls.
 
-    A robot that falls starts again. `seconds` is None for no limit; `gamepad` is a device that
-    steers beside the keys. Returns the number of falls.
+    It ends after `seconds`, if there is a limit, or when the window is closed. `gamepad` is a
+    device that steers beside the keys.
     """
     from mujoco import viewer  # loads a library of windows
 
@@ -272,11 +272,9 @@ def show(
     with window:
         while window.is_running() and (seconds is None or steps * robot.dt < seconds):
             for event in pad.events() if pad else ():
-                steering.feel(event)
+                steering.feel(*event)
             with window.lock():
-                if robot.step(policy.act(robot.observe(steering.command))).fallen:
-                    falls += 1
-                    robot.reset()
+                falls += policy.drive(robot, steering.command)
             window.set_texts((None, mujoco.mjtGridPos.mjGRID_TOPLEFT, *steering.words()))
             window.sync()
             steps += 1
@@ -295,10 +293,7 @@ def film(
     seconds: float,
     seed: int = 0,
 ) -> int:
-    """Write a film (.mp4, .gif) of the robot under random commands and trade-offs.
-
-    Returns the number of falls.
-    """
+    """Film the robot under random commands and trade-offs (.mp4, .gif); return the falls."""
     from ..camera import FollowingCamera
     from ..filming.recording import ENDINGS, write_video
     from ..filming.rendering import Scene
@@ -309,7 +304,7 @@ def film(
     robot, policy = Robot(deployment, disturbances, seed), Policy(deployment)
     robot.model.light_castshadow[:] = 0  # shadows and reflections of fine meshes take a CPU a
     robot.model.mat_reflectance[:] = 0  # second per frame
-    wishes = Wishes(deployment, policy, np.random.default_rng(seed))
+    commands = wishes(deployment, policy, np.random.default_rng(seed))
     stride = max(1, round(1 / (robot.dt * FASTEST)))
 
     def frames() -> Iterator[NDArray[np.uint8]]:
@@ -317,14 +312,11 @@ def film(
         camera = FollowingCamera(robot.model, SIZE[0] / SIZE[1])
         camera.restart(robot.data)
         with Scene(robot.model, *SIZE) as scene:
-            for step in range(steps):
+            for step, command in enumerate(islice(commands, steps)):
                 phase("filming", step / steps)
                 if step % stride == 0:
                     yield scene.draw(robot.data, camera.camera)
-                command = wishes.command(step * robot.dt)
-                if robot.step(policy.act(robot.observe(command))).fallen:
-                    falls += 1
-                    robot.reset()
+                falls += policy.drive(robot, command)
                 camera.follow(robot.data, robot.dt)
 
     write_video(output, frames(), 1 / (robot.dt * stride))

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import AliasPath, BaseModel, Field, ValidationError, model_validator
 
+from ...configuration.files import read_yaml
 from ...envs import MorlaxError
 from ...envs.errors import explained, unknown
 from ...envs.worlds.trees import base_of
@@ -71,7 +71,7 @@ class Settings(BaseModel):
     offset: Values = _in(*ACTION, "offset")
     joint_ids: list[int] | None = _in(*ACTION, "joint_ids")
     policy: str = _in(OURS, "policy")
-    model: str | None = _in(OURS, "model")
+    model: str = _in(OURS, "model")
     objectives: list[str] = _in(OURS, "objectives")
     slew: float | None = _in(OURS, "slew", gt=0)
     joints: list[str] = _in(OURS, "joints")
@@ -90,28 +90,25 @@ class Settings(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> "Settings":
-        driven, joints = self.driven, len(self.joints)
+        driven, joints = self.driven, range(len(self.joints))
         counts = dict.fromkeys(("scale", "offset", "clip"), len(driven))
         names = ("stiffness", "damping", "default_joint_pos", "default_joint_vel")
-        counts |= dict.fromkeys(names, joints) | {"observation_noise": len(self.observations)}
+        counts |= dict.fromkeys(names, len(joints)) | {"observation_noise": len(self.observations)}
         for name, count in counts.items():
             values = getattr(self, name)
             if values is not None and len(values) != count:
                 raise ValueError(f"{name} has {len(values)} entries instead of {count}.")
-        if not set(driven) <= set(range(joints)):
+        if not set(driven) <= set(joints):
             raise ValueError("joint_ids names a joint that does not exist.")
-        gains = zip(self.joints, self.stiffness, self.damping, strict=True)
-        passive = [name for i, (name, *pair) in enumerate(gains) if i in driven and None in pair]
+        passive = [self.joints[i] for i in driven if None in (self.stiffness[i], self.damping[i])]
         if passive:
             raise ValueError(
-                f"there are no gains (null) for {', '.join(passive)}, write their stiffness and "
-                "damping there."
+                f"{', '.join(passive)} have no gains (null): write their stiffness and damping."
             )
         return self
 
 
-@dataclass
-class Export:
+class Export(NamedTuple):
     """An export that can be played."""
 
     settings: Settings
@@ -128,22 +125,15 @@ def open_export(path: Path) -> Export:
             f"there is no export {path} with {SETTINGS}: morlax export writes one for policies "
             "whose actions are positions of joints, such as those of mjlab's velocity tasks."
         )
+    values = read_yaml(file, "settings", "step_dt: 0.02")
     try:
-        settings = Settings.model_validate(yaml.safe_load(read(file).decode()))
+        settings = Settings.model_validate(values)
     except ValidationError as error:
         raise MorlaxError(f"{file}: {explained(error, Settings)}") from None
-    except (ValueError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise MorlaxError(f"{file} is not valid YAML: {reason}.") from None
-    if settings.model is None:
-        raise MorlaxError(f"{file} names no model, since its scene cannot be written.")
     archive = folder / settings.model
-    try:  # a zip of an XML file and the files that it names
-        with zipfile.ZipFile(io.BytesIO(read(archive, "model"))) as files:
-            contents = {name: files.read(name) for name in files.namelist()}
-        (name,) = (name for name in contents if name.endswith(".xml"))
-        text = contents.pop(name).decode()
-        model = mujoco.MjSpec.from_string(text, assets=contents).compile()
+    content = io.BytesIO(read(archive, "model"))
+    try:
+        model = mujoco.MjSpec.from_zip(content).compile()
     except (ValueError, zipfile.BadZipFile) as error:
         reason = " ".join(str(error).split())
         raise MorlaxError(f"cannot load the model {archive}: {reason}.") from None
@@ -154,14 +144,10 @@ def open_export(path: Path) -> Export:
 class Disturbances:
     """Strengths of disturbances; delay and friction are drawn anew for each episode."""
 
-    delay: tuple[float, float] = (0.0, 20.0)
-    """Milliseconds from an observation to the action that it causes."""
-    noise: float = 1.0
-    """Factor on the observation noise of the training."""
-    push: float = 0.5
-    """Largest change of the base's horizontal velocity, in m/s along each axis."""
-    friction: tuple[float, float] = (0.3, 1.2)
-    """Sliding friction of all contacts that have friction."""
+    delay: tuple[float, float] = (0.0, 20.0)  # ms from an observation to its action
+    noise: float = 1.0  # factor on the observation noise of the training
+    push: float = 0.5  # largest change of the base's horizontal velocity, in m/s along each axis
+    friction: tuple[float, float] = (0.3, 1.2)  # sliding, of all contacts that have friction
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -211,12 +197,15 @@ class Robot:
         self._height, self._speed = model.jnt_qposadr[free] + 2, model.jnt_dofadr[free]
         self._qpos, self._qvel = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
         self._rest = np.array(settings.default_joint_pos), np.array(settings.default_joint_vel)
-        self._motors = np.array([self._motor(joints[index]) for index in driven])
+        motors = [np.flatnonzero(model.actuator_trnid[:, 0] == joints[index]) for index in driven]
+        if any(len(indices) != 1 for indices in motors):
+            raise MorlaxError("each joint with an action needs one actuator of the model.")
+        self._motors = np.concatenate(motors)
         self._scale, self._offset = np.array(settings.scale), np.array(settings.offset)
         self._clip = np.array(settings.clip or [(-np.inf, np.inf)]).T  # (2, A) or (2, 1)
         # the gains of deploy.yaml, which may have been edited
-        gains = settings.stiffness, settings.damping
-        stiffness, damping = (np.array(values, float)[driven] for values in gains)
+        stiffness = np.array(settings.stiffness, float)[driven]
+        damping = np.array(settings.damping, float)[driven]
         model.actuator_gainprm[self._motors, 0] = stiffness
         model.actuator_biasprm[self._motors, 1] = -stiffness
         model.actuator_biasprm[self._motors, 2] = -damping
@@ -239,7 +228,9 @@ class Robot:
         self.action = np.zeros(len(self._motors))
         self.command = np.zeros(3)
         self._pending: deque[tuple[int, Array]] = deque()
-        self._histories: list[deque[Array]] = []
+        self._histories: list[deque[Array]] = [
+            deque(maxlen=term.history_length) for _, term in self._terms
+        ]
         self._count = 0  # physics steps
         delay = self._rng.uniform(*self._disturbances.delay)
         self._delay = round(delay / 1000 / self.model.opt.timestep)  # physics steps
@@ -252,20 +243,16 @@ class Robot:
     def observe(self, command: Array) -> Array:
         """Return the observation (O,) under a command (3,). Call it once per control step."""
         self.command = command
-        parts = []
-        for (name, term), noise in zip(self._terms, self._noise, strict=True):
+        columns = zip(self._terms, self._noise, self._histories, strict=True)
+        for (name, term), noise, history in columns:
             value = self._read(name, term.params)
             if noise:
                 value = value + self._rng.uniform(-noise, noise, value.shape)
             if term.clip:
                 value = value.clip(*term.clip)
-            parts.append(value * np.array(term.scale))
-        if not self._histories:
-            pairs = zip(parts, self._terms, strict=True)
-            lengths = [(part, term.history_length) for part, (_, term) in pairs]
-            self._histories = [deque([part] * length, length) for part, length in lengths]
-        for history, part in zip(self._histories, parts, strict=True):
-            history.append(part)
+            # the first observation fills the history
+            repeats = 1 if history else term.history_length
+            history.extend([value * np.array(term.scale)] * repeats)
         return np.concatenate([part for history in self._histories for part in history])
 
     def step(self, action: Array) -> Step:
@@ -310,18 +297,11 @@ class Robot:
         """Return the values of a term before noise, clip and scale."""
         if "sensor_name" not in params:
             return OBSERVATIONS[name](self)
-        sensor = params["sensor_name"]
-        if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor) < 0:
-            raise MorlaxError(f"the model has no sensor {sensor} for the observation {name}.")
-        values = self.data.sensor(sensor).data.copy()
+        try:
+            values = self.data.sensor(params["sensor_name"]).data.copy()
+        except KeyError as error:
+            raise MorlaxError(f"observation {name} needs a sensor: {error.args[0]}.") from None
         return -values if name == "projected_gravity" else values
-
-    def _motor(self, joint: int) -> int:
-        motors = np.flatnonzero(self.model.actuator_trnid[:, 0] == joint)
-        if len(motors) != 1:
-            name = self.model.joint(joint).name
-            raise MorlaxError(f"the model has {len(motors)} actuators for {name} instead of one.")
-        return int(motors[0])
 
 
 OBSERVATIONS: dict[str, Callable[[Robot], Array]] = {  # the terms of unitree_rl_lab

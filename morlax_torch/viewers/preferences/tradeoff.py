@@ -22,10 +22,8 @@ class Preference:
     weights: at first all are equally likely, later those that explain the answers. The probability
     of an answer is that of Bradley and Terry (1952), with a share of mistakes. Particles represent
     the posterior, and the next pair is the one whose answer is expected to tell most about the
-    weights (Lindley, 1956). Only non-dominated policies of the front are compared.
-
-    Raises:
-        MorlaxError: the front has fewer than two non-dominated policies.
+    weights (Lindley, 1956). Only non-dominated policies of the front are compared; raises
+    MorlaxError if there are fewer than two.
     """
 
     def __init__(self, front: Front, seed: int = 0):
@@ -55,11 +53,7 @@ class Preference:
         return int(self.policies[first[best]]), int(self.policies[second[best]])
 
     def answer(self, preferred: int, other: int) -> None:
-        """Learn that the user prefers one policy of the front to another, both by index.
-
-        Raises:
-            MorlaxError: a policy is not one of those that are compared.
-        """
+        """Learn that the user prefers one of the compared policies to another, by their indices."""
         if others := {preferred, other} - set(self.policies.tolist()):
             raise MorlaxError(f"policy {others.pop()} is not one of the front's non-dominated.")
         pair = np.searchsorted(self.policies, [[preferred], [other]])
@@ -97,8 +91,8 @@ class Preference:
 
     def _chances(self) -> NDArray[np.float64]:
         """Return the probability (n,) that each of `policies` is the user's best."""
-        chances = np.bincount(self._favorite, self._posterior(), len(self.policies))
-        return chances.astype(np.float64)
+        counts = np.bincount(self._favorite, self._posterior(), len(self.policies))
+        return counts.astype(np.float64)
 
     def _posterior(self) -> NDArray[np.float64]:
         likelihood = np.exp(self._log_posterior - self._log_posterior.max())

@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves, tree_map
 from ...envs import Environment, MorlaxError
 from ...envs.errors import LONGEST
 from ...envs.physics.mujoco import MujocoPhysics
-from ...exports.formats import onnx_model, onnxruntime, quiet
+from ...exports.exporting import onnx_model, onnxruntime, quiet
 from ...host.phases import phase
 
 ARRAYS = {  # of `Physics`, and their names in mjData

@@ -19,8 +19,7 @@ from ...envs import Environment, MorlaxError
 from ...envs.naming import title
 from ...envs.registry import get
 from ...envs.worlds.options import TaskOptions
-from ...exports.exporting import export
-from ...exports.formats import onnxruntime
+from ...exports.exporting import export, onnxruntime
 from ...host.files import making
 from ...host.phases import phase, within
 from ...networks.policy import Policy
