@@ -32,8 +32,7 @@ from morlax_torch.commands.terminal.cli import console
 from morlax_torch.evaluation.evaluator import Evaluator, evaluation_worlds
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.choosing import choose
-from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.loading import load_front
+from morlax_torch.runs.loading import evaluate, load_front
 
 ROBOTS = (
     *("cheetah", "walker", "hopper", "ant", "humanoid", "cheetah3", "bruce", "go1"),

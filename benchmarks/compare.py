@@ -43,7 +43,7 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.host.files import write_file
 from morlax_torch.host.resources import release_memory
 from morlax_torch.host.torchrun import FIRST, SEVERAL
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 
 METHODS = Path(__file__).with_name("compare_methods.yaml")
 FRESH = 1000  # seed of the episodes that count; no training or choice of a checkpoint sees them

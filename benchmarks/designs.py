@@ -21,7 +21,7 @@ from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.envs import resolve_device
 from morlax_torch.envs.worlds.design_space import DesignSpace
 from morlax_torch.networks.policy import Policy
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.train import train
 
 UNSEEN = 2**61  # seed of the bodies, which neither training nor its evaluations have

@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple
 import tyro
 
 from morlax_torch.commands.terminal.cli import console
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.progress import best_row, hypervolume_of, read_rows
 
 Goal = Literal["hyper-morl", "morlax"]

@@ -7,7 +7,7 @@ import torch
 from morlax_torch import envs, load
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.progress import read_rows
 from morlax_torch.train import train
 

@@ -107,7 +107,7 @@ def started(group: Group, folder: Path) -> dict[str, Any]:
     env = envs.make("hopper", own.worlds, "cpu")
     path = folder / f"start-{group.rank}.pt"
     other = own.model_copy(update={"seed": 1 + group.rank})
-    checkpoint.save(path, make_learner(env, other), Progress())
+    checkpoint.write(path, checkpoint.snapshot(make_learner(env, other)), Progress())
     learner = make_learner(env, own, group=group)
     start_from(str(path), learner)
     return learner.agent.state_dict()

@@ -56,7 +56,7 @@ def command(arguments: Sequence[str]) -> None:
 
     with cli.Live():
         from ..envs import resolve_device
-        from ..evaluation.requirements import Requirements
+        from ..evaluation.requirements import Requirements, shown
         from ..runs.loading import load, own_folder
         from ..tuning.designs import Designer
 
@@ -76,8 +76,7 @@ def command(arguments: Sequence[str]) -> None:
             ranked = required.ranked(simulated.tradeoffs, simulated.values, "simulated")
             row = int(ranked[0])
             best = simulated.designs[row]
-            weights = ",".join(f"{weight:.5g}" for weight in simulated.tradeoffs[row])
-            reached = _reached(designer, simulated, row)
+            weights, reached = shown(simulated.tradeoffs[row]), _reached(designer, simulated, row)
             told = [f"body: {_body(designer, best)}", f"trade-off: {weights} ({reached})"]
     default = grid.rows(slice(options.tradeoffs))
     _show(designer, (default, grid, simulated), volume)

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from pydantic import Field
+
 from .terminal import cli
 from .terminal.arguments import OfRuns, parse
 
@@ -19,7 +21,7 @@ class Figures(OfRuns):
 
     style: Literal["paper", "screen"] = "paper"
     """paper: text of 7 points or more, no titles and no 3D. screen: as in reports."""
-    width: float | None = None
+    width: float | None = Field(default=None, ge=2, le=20)
     """Width of each figure, in inches (None: 3.5 for paper, as in reports for screen)."""
     output: Path = Path("figures")
     """Output folder."""

@@ -50,7 +50,7 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(f"written: {web} ({size:.1f} MB)")
             cli.print_command("see it", f"python -m http.server -d {shlex.quote(str(web))}")
             return
-        from ..runs.evaluating import pack
+        from ..runs.loading import pack
 
         folder = Path(options.runs[1])
         front = pack(runs[0], folder, options.device)

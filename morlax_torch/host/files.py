@@ -78,7 +78,8 @@ def making(folder: Path) -> Iterator[Path]:
     """Make an empty temporary folder that becomes `folder` once it is complete."""
     taken = Taken(f"{folder} exists already: choose another folder.")
     with attempting(f"make {folder}"):
-        if folder.exists() and not (folder.is_dir() and _is_unused(folder)):
+        used = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        if used or (folder.exists() and folder.samefile(Path.cwd())):
             raise taken
         draft = folder.with_name(f".{folder.name}{_draft()}")
         remove_drafts(folder.parent, f".{folder.name}")
@@ -95,10 +96,6 @@ def making(folder: Path) -> Iterator[Path]:
 def make_folder(folder: Path) -> None:
     with attempting(f"make {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-
-
-def _is_unused(folder: Path) -> bool:
-    return not any(folder.iterdir()) and not folder.samefile(Path.cwd())
 
 
 def _draft() -> str:

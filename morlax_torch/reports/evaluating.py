@@ -17,9 +17,16 @@ from ..host.files import unused
 from ..host.phases import phase, within
 from ..networks.policy import Policy
 from ..runs.checkpoint import front_path
-from ..runs.evaluating import evaluate
 from ..runs.hardware import read_machines
-from ..runs.loading import find_checkpoint, find_run, is_changed, load, own_folder, trust_run
+from ..runs.loading import (
+    evaluate,
+    find_checkpoint,
+    find_run,
+    is_changed,
+    load,
+    own_folder,
+    trust_run,
+)
 from . import comparison
 from .comparison import Evaluated
 from .page import indicator_cells, words, write
@@ -87,11 +94,14 @@ def evaluate_runs(
         folder = output
     elif folder is None or other or not in_run:
         folder = unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
-    conditions: dict[str, Any] = {"tradeoffs": tradeoffs, "seeds": seeds, "protocol": protocol}
-    conditions |= {"device": resolve_device(device), "reference": ""}
-    if target is not None:
-        source = reference or "the non-dominated points of all runs"
-        conditions["reference"] = f"{source}, {len(target)} points"
+    source = reference or "the non-dominated points of all runs"
+    conditions: dict[str, Any] = {
+        "tradeoffs": tradeoffs,
+        "seeds": seeds,
+        "protocol": protocol,
+        "device": resolve_device(device),
+        "reference": "" if target is None else f"{source}, {len(target)} points",
+    }
     picture = portrait(first)
     phase("writing the report")
     write(evaluations, folder, conditions, typed, picture)

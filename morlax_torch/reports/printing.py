@@ -8,7 +8,6 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ..envs import MorlaxError
 from ..envs.naming import movable, title
 from ..evaluation import figures
 from ..evaluation.front import representatives
@@ -20,15 +19,6 @@ from .page import rendered, words
 
 VECTORS = ("pdf", "svg")
 WIDTHS = {"paper": 3.5, "screen": None}  # in inches; None: as wide as the plots need
-NARROWEST, WIDEST = 2.0, 20.0
-ESCAPED = str.maketrans(
-    {
-        **{letter: f"\\{letter}" for letter in "&%$#_{}"},
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-    }
-)
 Row = tuple[str, str]  # task and algorithm
 
 
@@ -42,10 +32,6 @@ def write_figures(
     of `figures.STYLES`, `width` in inches (None: that of the style).
     """
     width = WIDTHS[style] if width is None else width
-    if width is not None and not NARROWEST <= width <= WIDEST:
-        raise MorlaxError(
-            f"the width must be from {NARROWEST:g} to {WIDEST:g} inches, not {width:g}."
-        )
     evaluations = {
         name: Evaluated(run, load(run), load_front(run), comparison.history_of(run), {})
         for name, run in zip(comparison.names(runs), runs, strict=True)
@@ -97,9 +83,13 @@ def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
         texts = title(task), algorithm, ", ".join(map(str, seeds))
         values = measured[task, algorithm]
         cells = [_cell(values[name], len(group)) if name in values else "--" for name in names]
-        lines.append([*(text.translate(ESCAPED) for text in texts), *cells])
-    heads = [words(name).translate(ESCAPED) for name in names]
+        lines.append([*map(_escaped, texts), *cells])
+    heads = [_escaped(words(name)) for name in names]
     return rendered("indicators.tex", names=heads, rows=lines)
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"[&%$#_{}]", r"\\\g<0>", text)
 
 
 def _cell(values: Quartiles, runs: int) -> str:

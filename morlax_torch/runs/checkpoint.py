@@ -34,7 +34,6 @@ from .references import check_model, code_of, localized, model_of
 
 FORMAT = 2
 POLICY = ("actor.", "observation_normalizer.")  # beginnings of the names of what policies need
-MOST_ITERATIONS = 2**53  # a float still counts them exactly
 Size = Annotated[int, Field(ge=1, le=2**24)]
 
 
@@ -111,10 +110,6 @@ def _on_cpu(state: Any) -> Any:
     if isinstance(state, list | tuple):
         return type(state)(map(_on_cpu, state))
     return state.cpu() if isinstance(state, Tensor) else state
-
-
-def save(path: Path, learner: Learner, progress: Progress) -> None:
-    write(path, snapshot(learner), progress)
 
 
 def write(path: AnyPath, contents: dict[str, Any], progress: Progress | None = None) -> None:
@@ -217,12 +212,6 @@ def restore(contents: Contents, path: Path, learner: Learner) -> bool:
         if name != "model_fingerprint" and stored != value:
             raise MorlaxError(f"{path} has {name} {stored}, but the task has {value}.")
     changed = check_model(contents.environment.model_fingerprint, model_of(learner.env), path)
-    for name, size in config.model_dump(mode="json", include={"worlds", "network"}).items():
-        if contents.config.get(name) != size:
-            raise MorlaxError(
-                f"{path} was made with other sizes ({name} {contents.config.get(name)}): resume "
-                "with the config of its own run."
-            )
     check_networks(contents.own_networks, learner.agent.own_networks(), path)
     current, state = learner.state_dict(), dict(contents.learner)
     try:
@@ -261,11 +250,9 @@ def check_state(stored: object, current: object, name: str = "state", listed: bo
         # of keys that only one of both has, the learner knows what it can do without
         for key in current.keys() & stored.keys():
             check_state(stored[key], current[key], f"{name}.{key}")
-    elif isinstance(current, list) and isinstance(stored, list):
-        if len(current) != len(stored):
-            raise ValueError(f"{name} has {len(stored)} entries instead of {len(current)}")
-        for index, (value, usual) in enumerate(zip(stored, current, strict=True)):
-            check_state(value, usual, f"{name}.{index}", listed=True)
+    elif isinstance(current, list) and isinstance(stored, list) and len(current) == len(stored):
+        for index, pair in enumerate(zip(stored, current, strict=True)):
+            check_state(*pair, f"{name}.{index}", listed=True)
     elif isinstance(current, Tensor) and isinstance(stored, Tensor):
         # on another device, Adam has another number of chunks, and a generator another state
         of_device = listed or current.dtype == torch.uint8
@@ -277,7 +264,5 @@ def check_state(stored: object, current: object, name: str = "state", listed: bo
             )
         if stored.is_floating_point() and not stored.isfinite().all():
             raise ValueError(f"{name} is not finite")
-    elif type(current) is not type(stored) or (
-        isinstance(stored, int) and not 0 <= stored <= MOST_ITERATIONS
-    ):
+    elif type(current) is not type(stored) or isinstance(current, list):
         raise ValueError(f"{name} is {shortened(stored)}")

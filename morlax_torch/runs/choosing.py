@@ -361,8 +361,8 @@ def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str
             if name == USUAL:
                 raise
             continue
-        falls = 0.0 if front.falls is None else float(front.falls[0])
-        results[name] = Trial(front.values[0], falls, episodes)
+        assert front.falls is not None
+        results[name] = Trial(front.values[0], float(front.falls[0]), episodes)
     return results
 
 

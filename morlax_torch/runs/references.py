@@ -105,7 +105,7 @@ def localized(values: dict[str, Any], folder: Path) -> dict[str, Any]:
         name = values.get(field)
         if not isinstance(name, str) or not is_file(name) or ":" not in name:
             continue
-        if field == "env" and requested is not None and title(requested) == title(name):
+        if field == "env" and requested is not None:
             values[field] = requested
             continue
         values[field] = name = absolute(name)

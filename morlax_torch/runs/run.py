@@ -1,7 +1,9 @@
 """A run's folder: config, checkpoints and their fronts, metrics, TensorBoard events."""
 
+import json
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cached_property
 from itertools import chain
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
-from ..configuration.config import MAY_CHANGE, Config, differences, load_config
+from ..configuration.config import MAY_CHANGE, Config, changed, differences, flat, load_config
 from ..configuration.files import read_yaml, write_record
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
@@ -29,13 +31,14 @@ from ..host.files import (
 )
 from . import checkpoint
 from .checkpoint import Contents
+from .hardware import FILE as HARDWARE
 from .hardware import Machine, read_machines, write_machines
 from .loading import named_run, trust_run
 from .progress import BEST, Evaluation, Progress, read_rows
 from .references import NAMES_CODE, copy_files, localized
 
 if TYPE_CHECKING:
-    from .tensorboard import Events
+    from torch.utils.tensorboard import SummaryWriter
 
 
 def taken(folder: Path) -> MorlaxError:
@@ -132,9 +135,8 @@ class Run:
 
     def limit_reached(self, config: Config) -> str | None:
         """Return the option whose limit a run resumed with `config` has reached, if any."""
-        contents, rows = checkpoint.load(self.checkpoints / "latest.pt"), self._read_rows()
-        reached, iteration = contents.progress, (contents.learner or {}).get("iteration")
-        if not (reached.evaluated and rows and int(rows[-1]["iteration"]) == iteration):
+        reached = checkpoint.load(self.checkpoints / "latest.pt").progress
+        if not reached.evaluated:
             return None  # its last evaluation is missing
         if config.max_env_steps is not None and reached.env_steps >= config.max_env_steps:
             return "max-env-steps"
@@ -149,7 +151,7 @@ class Run:
             self._acquire()
         try:
             contents = checkpoint.load(path)
-            changed = checkpoint.restore(contents, path, learner)
+            other_model = checkpoint.restore(contents, path, learner)
             if first:
                 self._clear_up(learner, contents)
         except BaseException:
@@ -158,7 +160,7 @@ class Run:
         evaluation = learner.config.evaluation
         before = type(evaluation).model_validate(contents.config.get("evaluation", {}))
         # other evaluations have other hypervolumes, so the record of the best one begins anew
-        anew = changed or not before.measures_like(evaluation)
+        anew = other_model or not before.measures_like(evaluation)
         update = {"best_selection": None, "best_hypervolume": 0.0} if anew else {}
         return contents.progress.model_copy(update=update)
 
@@ -184,14 +186,10 @@ class Run:
         repeats = not evaluated and learner.iteration in (0, *dropped)
         self._purge_step = learner.env_steps + (0 if repeats else 1)
         if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
-            fronts = {}  # of the checkpoint's policies
-            for name in ("latest.pt", "best.pt"):
-                with suppress(MorlaxError):  # it is missing or damaged
-                    front = Front.load(checkpoint.front_path(self.checkpoints / name))
-                    if front.fingerprint == checkpoint.fingerprint(contents.agent):
-                        fronts[name] = front
-            if list(fronts) == ["latest.pt"]:
-                self._save_best(fronts["latest.pt"])
+            with suppress(MorlaxError):  # it is missing or damaged
+                front = Front.load(checkpoint.front_path(self.checkpoints / "latest.pt"))
+                if front.fingerprint == checkpoint.fingerprint(contents.agent):
+                    self._save_best(front)
         write_record(learner.config, self.folder)
         copy_files(learner.config, self.folder)
         if not machines or machines[-1] != machine:
@@ -227,11 +225,12 @@ class Run:
 
     def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
         with attempting(self._writing):
-            self._events.log_metrics(metrics, env_steps)
+            for name, value in metrics.items():
+                self._events.add_scalar(f"train/{name}", value, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
         with attempting(self._writing):
-            self._events.log_evaluation(evaluation, task, len(self._rows))
+            self._write_events(evaluation, task)
         self._rows.append(evaluation.row())
         self._write_rows()
 
@@ -247,10 +246,53 @@ class Run:
         write_rows(self._metrics, [list(columns), *rows])
 
     @cached_property
-    def _events(self) -> "Events":
-        from .tensorboard import Events  # loads slowly
+    def _events(self) -> "SummaryWriter":
+        from torch.utils.tensorboard import SummaryWriter  # loads slowly
 
-        return Events(self.folder, self._purge_step)
+        writer = SummaryWriter(str(self.folder), purge_step=self._purge_step)
+        for file in ("config.yaml", HARDWARE):
+            lines = (self.folder / file).read_text().splitlines()
+            tag, text = file.removesuffix(".yaml"), "\n".join(f"    {line}" for line in lines)
+            writer.add_text(tag, text)
+        return writer
+
+    def _write_events(self, evaluation: Evaluation, task: str) -> None:
+        """Write an evaluation to TensorBoard. docs/training.md lists the tags."""
+        steps, number = evaluation.env_steps, len(self._rows)
+        curves = {
+            **{f"front/{name}": value for name, value in evaluation.indicators.items()},
+            "time/train_seconds": evaluation.train_seconds,
+            "time/total_seconds": evaluation.total_seconds,
+        }
+        if number == 0:
+            self._log_hyperparameters(curves)
+        for tag, value in curves.items():
+            self._events.add_scalar(tag, value, steps)
+        # after ten evaluations, each with pictures is a tenth later than the last, so that a long
+        # run stays small
+        scales = [int(math.log(max(1, each), 1.1)) for each in (number - 1, number)]
+        if number < 10 or scales[0] < scales[1]:
+            from ..evaluation import figures  # matplotlib loads slowly
+
+            name = f"{title(task)} after {steps / 1e6:.1f} M steps"
+            for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
+                image = figures.pixels(draw(evaluation.front, name))
+                self._events.add_image(f"figures/{tag}", image, steps, dataformats="HWC")
+        self._events.flush()
+
+    def _log_hyperparameters(self, tags: Iterable[str]) -> None:
+        """Fill the HPARAMS tab, first with options that differ from the task's config."""
+        from torch.utils.tensorboard.summary import hparams
+
+        values = read_yaml(self.folder / "config.yaml")
+        first = changed(values)
+        ordered = sorted(flat(values).items(), key=lambda item: item[0] not in first)
+        config = {name: _shown(value) for name, value in ordered if value != {}}
+        # `add_hparams` would write to a folder of its own, which TensorBoard shows as another run
+        experiment, session, _ = hparams(config, dict.fromkeys(tags, 0.0))
+        assert self._events.file_writer is not None
+        for summary in (experiment, session):
+            self._events.file_writer.add_summary(summary)
 
     def close(self) -> None:
         """Write and close the TensorBoard events, and let other processes train the run."""
@@ -273,3 +315,9 @@ class Run:
 
 def _save_front(front: Front, path: Path) -> None:
     front._replace(checkpoint=path.name).save(checkpoint.front_path(path))
+
+
+def _shown(value: Any) -> str | float:
+    """Return a finite number or text as it is, other values as JSON."""
+    plain = isinstance(value, str) or (type(value) in (int, float) and math.isfinite(value))
+    return value if plain else json.dumps(value)

@@ -323,21 +323,21 @@ class Schedule:
         return left if left == math.inf else math.ceil(left)
 
 
-class Writer:
+class Writer(ThreadPoolExecutor):
     """Runs jobs one after the other in a thread of its own, at most `most_waiting` unfinished.
 
     After the first error, which `results` or the exit raises, later jobs are dropped.
     """
 
     def __init__(self, most_waiting: int):
+        super().__init__(1, "morlax-writer")
         self._most_waiting = most_waiting
-        self._thread = ThreadPoolExecutor(1, "morlax-writer")
         self._jobs: deque[Future[Evaluation | None]] = deque()
         self._failed = False
 
     def put(self, job: Job) -> None:
         """Queue a job, and wait while too many are unfinished."""
-        self._jobs.append(self._thread.submit(self._run, job))
+        self._jobs.append(self.submit(self._run, job))
         wait(list(self._jobs)[: max(0, len(self._jobs) - self._most_waiting)])
 
     def results(self, all_of_them: bool = False) -> Iterator[Evaluation]:
@@ -355,10 +355,7 @@ class Writer:
             self._failed = True
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._thread.shutdown()
+        self.shutdown()
         if kind is None or issubclass(kind, GeneratorExit):
             list(self.results())

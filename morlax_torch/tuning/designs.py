@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
+import moocore
 import numpy as np
 import torch
 
@@ -102,7 +103,9 @@ class Designer:
         sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
         directions: list[Any] = ["maximize"] * m
         study = optuna.create_study(directions=directions, sampler=sampler)
-        for row in best_first(start.returns)[:population]:
+        finite = np.flatnonzero(np.isfinite(start.returns).all(1))
+        ranks = moocore.pareto_rank(start.returns[finite], maximise=True)
+        for row in finite[ranks.argsort(kind="stable")][:population]:
             numbers = map(float, (*start.designs[row], *start.tradeoffs[row]))
             study.enqueue_trial(dict(zip(ranges, numbers, strict=True)))
         simulated = start.rows(np.zeros(0, dtype=int))
@@ -149,13 +152,3 @@ class Designer:
         write_file(folder / "body.xml", spec.to_xml())
         save(policy.for_design(design).cpu(), folder / "body.pt")
         copy_files(policy.config, folder)
-
-
-def best_first(returns: np.ndarray) -> np.ndarray:
-    """Order rows of returns (n, m): first the non-dominated ones, then those of the rest, ..."""
-    left = np.flatnonzero(np.isfinite(returns).all(1))
-    ordered = left[:0]
-    while len(left):
-        front = pareto.non_dominated(returns[left])
-        ordered, left = np.append(ordered, left[front]), left[~front]
-    return ordered

@@ -8,7 +8,7 @@ import torch
 from morlax_torch import MorlaxError
 from morlax_torch.adapters.morl_baselines import MorlBaselinesAgent
 from morlax_torch.host.resources import one_thread
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 
 TASK = "morlax_torch/Hopper-v0"
 

@@ -23,7 +23,7 @@ from morlax_torch.configuration.sections import ALGORITHMS, PPOConfig
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.family import Independent
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import Schedule, make_evaluator
 from morlax_torch.train import train

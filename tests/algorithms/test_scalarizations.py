@@ -213,7 +213,7 @@ def test_a_run_resumes_exactly_also_from_its_very_beginning(tasks, name, done, o
     for _ in range(done):
         whole.iterate()
     path = tmp_path / "latest.pt"
-    checkpoint.save(path, whole, Progress())
+    checkpoint.write(path, checkpoint.snapshot(whole), Progress())
     checkpoint.restore(checkpoint.load(path), path, resumed)
     for learner in (whole, resumed):
         learner.iterate()

@@ -25,7 +25,7 @@ from tiny import tiny
 from morlax_torch import MorlaxError, load, pareto
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.progress import Evaluation
 from morlax_torch.train import train
 

@@ -21,8 +21,7 @@ from morlax_torch.commands import export, train, tune
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import file_values, merged, space_values, task_values
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.loading import load
+from morlax_torch.runs.loading import evaluate, load
 from morlax_torch.runs.progress import Progress
 
 ROOT = Path(__file__).parents[2]
@@ -71,7 +70,7 @@ def run(tmp_path_factory) -> Path:
     config: Config = load_config(merged(task_values("cheetah", "cpu"), {"worlds": 32}))
     (folder / "checkpoints").mkdir()
     morlax = MORLAX(config.make_worlds(32, config.seed), config)
-    checkpoint.save(folder / "checkpoints" / "best.pt", morlax, Progress())
+    checkpoint.write(folder / "checkpoints" / "best.pt", checkpoint.snapshot(morlax), Progress())
     evaluate(load(folder), tradeoffs=5, device="cpu").save(folder / "front.npz")
     return folder
 

@@ -9,7 +9,7 @@ from morlax_torch import Policy, envs, load, save
 from morlax_torch.configuration.config import Config
 from morlax_torch.exports.exporting import export, manifest
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.progress import Progress
 
 Hopper = envs.get("hopper")
@@ -97,7 +97,7 @@ def test_only_critics_see_privileged_observations(generator):
 @pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 def test_loaded_and_exported_policies_need_only_observations(tmp_path, generator):
     morlax = learner(blind(), 3)
-    checkpoint.save(tmp_path / "whole.pt", morlax, Progress())
+    checkpoint.write(tmp_path / "whole.pt", checkpoint.snapshot(morlax), Progress())
     save(load(tmp_path / "whole.pt"), tmp_path / "alone.pt")
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.2, 0.8))

@@ -31,8 +31,7 @@ from morlax_torch.runs.choosing import (
     choose,
     trials,
 )
-from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.loading import bookmark, find_run, tradeoff_of
+from morlax_torch.runs.loading import bookmark, evaluate, find_run, tradeoff_of
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
 SHARES = torch.tensor([0.0, 0.4, 1.0])

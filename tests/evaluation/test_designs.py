@@ -29,7 +29,7 @@ from morlax_torch.envs.worlds.design_space import (
     compiled,
 )
 from morlax_torch.evaluation.evaluator import Evaluator, held_out, make_evaluator
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.training import Session
 from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer

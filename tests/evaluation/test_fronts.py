@@ -25,8 +25,7 @@ from morlax_torch.reports.evaluating import evaluate_runs
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.choosing import USUAL, trials
 from morlax_torch.runs.choosing import choose as choice_of
-from morlax_torch.runs.evaluating import evaluate, pack
-from morlax_torch.runs.loading import find_run, load_front
+from morlax_torch.runs.loading import evaluate, find_run, load_front, pack
 from morlax_torch.runs.progress import Evaluation, History, hypervolume_of, read_rows
 from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.train import train
@@ -207,7 +206,7 @@ def test_evaluate_and_pack_use_the_run_s_own_protocol(discounted, tmp_path, monk
     _, folder = evaluate_runs([str(discounted)], "", protocol="latched", device="cpu")
     assert folder.parent == Path("evaluations") and file.read_bytes() == before
     shutil.copy(folder / "front.npz", file)
-    with pytest.raises(MorlaxError, match=r"by the protocol latched, but .* by discounted: write"):
+    with pytest.raises(MorlaxError, match="or of another protocol: write"):
         load_front(discounted)
 
 

@@ -233,7 +233,9 @@ def test_a_mistake_prints_one_error_and_writes_nothing(saved, refused):
     assert "cannot make policy.pt: File exists" in refused(export, "policy.pt", *output)
     assert set(saved.iterdir()) == before
     actor = nn.Sequential(nn.Linear(13, 8))
-    checkpoint.save(saved / "own.pt", learner(tiny(), actor=actor), Progress())
+    checkpoint.write(
+        saved / "own.pt", checkpoint.snapshot(learner(tiny(), actor=actor)), Progress()
+    )
     text = refused(export, saved / "own.pt")
     assert "holds a user-made actor, which no config describes" in text
 

@@ -10,7 +10,7 @@ from morlax_torch import MorlaxError, load
 from morlax_torch.commands.train import command as train_command
 from morlax_torch.networks.family import Conditioned
 from morlax_torch.networks.mlp import mlp
-from morlax_torch.runs.evaluating import evaluate
+from morlax_torch.runs.loading import evaluate
 from morlax_torch.train import train
 
 TRADEOFFS = torch.tensor([[0.5, 1.5], [1.0, 0.0], [0.3, 0.7]])

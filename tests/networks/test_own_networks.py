@@ -115,7 +115,7 @@ def test_a_network_that_does_not_fit_raises_a_clear_error(sentence):
 @pytest.fixture
 def saved(tmp_path: Path) -> tuple[Path, MORLAX]:
     morlax = trainer(usual(), 2, actor=tanh())
-    checkpoint.save(tmp_path / "own.pt", morlax, Progress())
+    checkpoint.write(tmp_path / "own.pt", checkpoint.snapshot(morlax), Progress())
     return tmp_path / "own.pt", morlax
 
 
@@ -145,7 +145,7 @@ def test_a_custom_actor_is_never_confused_with_the_config_s(saved, tmp_path):
         checkpoint.restore(checkpoint.load(path), path, trainer(usual(), 0))
     with pytest.raises(MorlaxError, match=r"the actor passed does not match the one in .*own\.pt"):
         load(path, actor=normed())
-    checkpoint.save(tmp_path / "usual.pt", trainer(usual(), 0), Progress())
+    checkpoint.write(tmp_path / "usual.pt", checkpoint.snapshot(trainer(usual(), 0)), Progress())
     with pytest.raises(MorlaxError, match="the stored ones are of its config"):
         load(tmp_path / "usual.pt", actor=tanh())
 
@@ -153,7 +153,7 @@ def test_a_custom_actor_is_never_confused_with_the_config_s(saved, tmp_path):
 def test_a_custom_critic_is_needed_to_resume_but_not_to_act(tmp_path, generator):
     path, critic = tmp_path / "own.pt", normed(outputs=m)
     morlax = trainer(usual(), 2, critic=critic)
-    checkpoint.save(path, morlax, Progress())
+    checkpoint.write(path, checkpoint.snapshot(morlax), Progress())
     observation = torch.randn(5, O, generator=generator)
     expected = Policy(morlax.agent, morlax.config, ("run", "jump"))(observation, (0.5, 0.5))
     assert torch.equal(load(path)(observation, (0.5, 0.5)), expected)

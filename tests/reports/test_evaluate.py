@@ -26,7 +26,7 @@ from morlax_torch.reports.page import cell
 from morlax_torch.reports.printing import latex
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
-from morlax_torch.runs.evaluating import evaluate as evaluate_run
+from morlax_torch.runs.loading import evaluate as evaluate_run
 from morlax_torch.runs.progress import History
 
 FEW = ("--device", "cpu", "--tradeoffs", "6")
@@ -306,7 +306,7 @@ def test_a_verdict_tells_whether_the_hypervolume_still_rises():
 
 def test_figures_of_runs_are_written_without_simulating(workplace, rendered, monkeypatch):
     (workplace / "cheetah").rename(workplace / "a" / "cheetah")
-    monkeypatch.setattr("morlax_torch.runs.evaluating.evaluate", None)
+    monkeypatch.setattr("morlax_torch.runs.loading.evaluate", None)
     before = {path: path.stat().st_mtime_ns for path in workplace.rglob("*") if path.is_file()}
     figures.command(["a/hopper", "b/hopper", "a/cheetah", "--output", "paper", "--width", "4"])
     assert before == {path: path.stat().st_mtime_ns for path in before}
@@ -342,7 +342,7 @@ def test_a_latex_table_shows_medians_and_quartiles_of_a_task_and_algorithm(make_
 FIGURE_MISTAKES = {
     "": "name at least one run",
     "nowhere": "nowhere does not exist",
-    "cheetah --width 1": "the width must be from 2 to 20 inches, not 1",
+    "cheetah --width 1": "should be greater than or equal to 2",
     "a/hopper noisy": "hopper and noisy differ in task.reset_noise",
     "a/hopper": "has no front beside it: write it with morlax evaluate a/hopper",
 }

@@ -54,7 +54,7 @@ def own_actor() -> nn.Module:
 def test_iterations_after_a_resume_equal_uninterrupted_ones(env, networks, tmp_path):
     config, path = tiny(env, **CASES[env]), tmp_path / "half.pt"
     whole = trainer(config, 3, **networks())
-    checkpoint.save(path, whole, Progress())
+    checkpoint.write(path, checkpoint.snapshot(whole), Progress())
     resumed = trainer(config, 0, **networks())  # like those given, with other parameters
     checkpoint.restore(checkpoint.load(path), path, resumed)
     for _ in range(3):
@@ -105,7 +105,7 @@ def test_every_training_seed_is_evaluated_in_the_same_worlds_that_training_never
 
 def test_a_run_moves_between_simulators_whose_state_differs(tmp_path):
     path = tmp_path / "half.pt"
-    checkpoint.save(path, trainer(tiny("bruce"), 2), Progress())
+    checkpoint.write(path, checkpoint.snapshot(trainer(tiny("bruce"), 2)), Progress())
     for backend in ("warp", "mujoco"):
         resumed = trainer(tiny("bruce").model_copy(update={"backend": backend}), 0)
         checkpoint.restore(checkpoint.load(path), path, resumed)
@@ -113,7 +113,7 @@ def test_a_run_moves_between_simulators_whose_state_differs(tmp_path):
         torch.testing.assert_close(resumed.env.physics.qpos.double(), stored.double())
         resumed.iterate()
         assert all(v.isfinite().all() for v in resumed.agent.state_dict().values())
-        checkpoint.save(path, resumed, Progress())
+        checkpoint.write(path, checkpoint.snapshot(resumed), Progress())
 
 
 def test_a_generators_state_of_another_device_becomes_its_seed():

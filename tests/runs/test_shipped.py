@@ -10,8 +10,7 @@ import torch
 from morlax_torch import envs
 from morlax_torch.commands.terminal import arguments
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs.evaluating import evaluate
-from morlax_torch.runs.loading import SHIPPED, find_run, load
+from morlax_torch.runs.loading import SHIPPED, evaluate, find_run, load
 
 MEGABYTES = {"humanoid": 6.0, "bruce": 6.0}  # all others: 1
 OF_PEERS = {"go1", "g1"}  # tested where mjlab is installed

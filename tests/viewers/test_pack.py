@@ -11,8 +11,7 @@ from tiny import tiny
 import morlax_torch
 from morlax_torch import MorlaxError
 from morlax_torch.evaluation.front import Front
-from morlax_torch.runs.evaluating import pack
-from morlax_torch.runs.loading import bookmark, load_front, tradeoff_of
+from morlax_torch.runs.loading import bookmark, load_front, pack, tradeoff_of
 from morlax_torch.runs.run import Run
 from morlax_torch.train import train
 

@@ -18,8 +18,7 @@ from morlax_torch.configuration.files import read_yaml
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.envs.worlds.learned import LIMITS, LearnedReward
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.evaluating import pack
-from morlax_torch.runs.loading import start_from
+from morlax_torch.runs.loading import pack, start_from
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.preferences import teaching

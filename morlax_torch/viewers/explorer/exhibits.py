@@ -13,8 +13,7 @@ from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
 from ...networks.policy import Policy
 from ...runs.choosing import Chooser
-from ...runs.evaluating import evaluate
-from ...runs.loading import bookmark, bookmarks, own_folder
+from ...runs.loading import bookmark, bookmarks, evaluate, own_folder
 from . import library
 from .comparisons import Comparisons, policy_questions
 from .session import Behavior, Put, Session, Weights

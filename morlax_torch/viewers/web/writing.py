@@ -23,8 +23,7 @@ from ...exports.exporting import export, onnxruntime
 from ...host.files import making
 from ...host.phases import phase, within
 from ...networks.policy import Policy
-from ...runs.evaluating import front_of
-from ...runs.loading import bookmarks, load
+from ...runs.loading import bookmarks, front_of, load
 from .. import libraries
 from ..describing import array_bytes, described_task, drawn_arrays, front_map
 from ..player import PUSH, Player
