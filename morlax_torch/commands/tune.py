@@ -136,13 +136,13 @@ def _run_workers(
         # in a group of its own, the terminal's Ctrl-C reaches it through this process only
         workers.append(subprocess.Popen(command, env=environment, process_group=0))
     try:
-        with Live(len(gpus)) as live:
+        with Live() as live:
             running = True
             while running:
                 time.sleep(PAUSE)
                 running = any(worker.poll() is None for worker in workers) and not interrupted()
-                for row, trial in enumerate(search.running()[-len(gpus) :]):
-                    live.show(f"trial {trial.number}", row=row)
+                numbers = [str(trial.number) for trial in search.running()[-len(gpus) :]]
+                live.show(f"trials {', '.join(numbers)}")
                 for trial in search.finished():
                     if trial.number not in printed:
                         printed.add(trial.number)

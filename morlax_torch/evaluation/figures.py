@@ -206,7 +206,6 @@ def designs_figure(
     designs: NDArray,
     parameters: Sequence[str],
     usual: NDArray,
-    title: str = "",
 ) -> Figure:
     """Plot the common front (n, m) of many bodies, colored by each of d design parameters in turn.
 
@@ -217,7 +216,7 @@ def designs_figure(
     (pair,) = conflicting_pairs(returns)
     x, y = returns[:, pair].T
     line = usual[usual[:, pair[0]].argsort()][:, pair]
-    figure, plots = style.panels(len(parameters), COLUMNS, (3.6, 3.1), title, room=0.5)
+    figure, plots = style.panels(len(parameters), COLUMNS, (3.6, 3.1), "", room=0.5)
     for axes, values, name in zip(plots, designs.T, parameters, strict=True):
         axes.plot(*line.T, "-", color="0.6", lw=1, label="default body")
         marks = axes.scatter(x, y, c=values, cmap=style.RUNS, s=SIZE)

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import AutoLocator, EngFormatter
 from numpy.typing import NDArray
@@ -196,8 +195,7 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
         return
     location: Any = f"outside {side}"
     letters = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
-    size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
-    columns = int(figure.get_figwidth() / (letters * size / FONT_SIZE))
+    columns = int(figure.get_figwidth() / letters * FONT_SIZE / mpl.rcParams["font.size"])
     columns = 1 if "right" in side else max(1, columns)
     figure.legend(
         [*names.values()], [*names], loc=location, title=title, frameon=False, ncols=columns

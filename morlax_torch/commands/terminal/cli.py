@@ -44,12 +44,9 @@ def print_command(why: str, command: str) -> None:
 
 
 class Live:
-    """Shows the phases of the work inside; on a file or pipe, after a LONGEST_SILENCE or two.
+    """Shows the phases of the work inside; on a file or pipe, after a LONGEST_SILENCE or two."""
 
-    Of the `rows` of moving lines, the first one shows the phases of this process.
-    """
-
-    def __init__(self, rows: int = 1):
+    def __init__(self) -> None:
         text = TextColumn("{task.description}", markup=False)
         self._moving = Progress(
             *(BarColumn(bar_width=8), text, TimeElapsedColumn()),
@@ -57,8 +54,8 @@ class Live:
             transient=True,
             disable=not console.is_terminal,
         )
-        for _ in range(rows):
-            self._moving.add_task("starting", total=None)
+        self._moving.add_task("starting", total=None)
+        (self._task,) = self._moving.tasks
         self._told, self._over, self._open = False, threading.Event(), ExitStack()
 
     def describe(self, name: str, share: float | None) -> str:
@@ -77,14 +74,13 @@ class Live:
 
     def _tell(self) -> None:
         while not self._over.wait(LONGEST_SILENCE):
-            for task in () if self._told else self._moving.tasks:
-                console.print(f"   {task.description}")
+            if not self._told:
+                console.print(f"   {self._task.description}")
             self._told = False
 
-    def show(self, name: str, share: float | None = None, row: int = 0) -> None:
-        task = self._moving.tasks[row]
-        task.description, task.completed = self.describe(name, share), share or 0.0
-        task.total = None if share is None else 1.0
+    def show(self, name: str, share: float | None = None) -> None:
+        self._task.description, self._task.completed = self.describe(name, share), share or 0.0
+        self._task.total = None if share is None else 1.0
 
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
