@@ -113,13 +113,13 @@ class Limits(Section):
         `more` are requirements such as "run >= 2000".
         """
         least, most = {}, {}
-        least_texts = [text for text in more if "<=" not in text]
-        most_texts = [text for text in more if "<=" in text]
         rows = numbers(self.at_least, "--at-least run=2000")
-        for name, level in rows + numbers(least_texts, "--constrain 'run >= 2000'", ">="):
+        texts = [text for text in more if "<=" not in text]
+        for name, level in rows + numbers(texts, "--constrain 'run >= 2000'", ">="):
             least[name] = max(level, least.get(name, level))
         rows = numbers(self.at_most, "--at-most power=60")
-        for name, level in rows + numbers(most_texts, "--constrain 'power <= 60'", "<="):
+        texts = [text for text in more if "<=" in text]
+        for name, level in rows + numbers(texts, "--constrain 'power <= 60'", "<="):
             most[name] = min(level, most.get(name, level))
         return least, most
 
