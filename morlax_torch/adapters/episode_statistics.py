@@ -44,10 +44,10 @@ class EpisodeStatistics(VectorWrapper):
             )
         super().__init__(env)
         self._gamma = gamma
-        shape, device = (env.num_envs, len(env.objectives)), env.device
-        self._returns, self._discounted = torch.zeros(2, *shape, dtype=torch.float32, device=device)
-        self._lengths = torch.zeros(env.num_envs, dtype=torch.int64, device=device)
-        self._starts = torch.zeros(env.num_envs, dtype=torch.float64, device=device)
+        N, device = env.num_envs, env.device
+        self._sums = torch.zeros(2, N, len(env.objectives), dtype=torch.float32, device=device)
+        self._lengths = torch.zeros(N, dtype=torch.int64, device=device)
+        self._starts = torch.zeros(N, dtype=torch.float64, device=device)
 
     def reset(self, **seed_and_options: Any) -> tuple[Tensor, dict[str, Any]]:
         """Reset all worlds and statistics; returns the observation (N, O) and an empty info."""
@@ -60,13 +60,14 @@ class EpisodeStatistics(VectorWrapper):
         """Advance by one control step under actions (N, A), and add the statistics to `info`."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         objectives = info.get("vector_reward", reward)
-        self._returns += objectives
-        self._discounted += self._gamma ** self._lengths[:, None].float() * objectives
+        discounted = self._gamma ** self._lengths[:, None].float() * objectives
+        self._sums += torch.stack([objectives, discounted])
         self._lengths += 1
         info["_episode"] = done = terminated | truncated
+        returns, discounted = torch.where(done[:, None], self._sums, 0.0)
         info["episode"] = {
-            "r": torch.where(done[:, None], self._returns, 0.0),
-            "dr": torch.where(done[:, None], self._discounted, 0.0),
+            "r": returns,
+            "dr": discounted,
             "l": torch.where(done, self._lengths, 0),
             "t": torch.where(done, time.perf_counter() - self._starts, 0.0),
         }
@@ -74,7 +75,6 @@ class EpisodeStatistics(VectorWrapper):
         return observation, reward, terminated, truncated, info
 
     def _begin(self, worlds: Tensor) -> None:
-        self._returns.masked_fill_(worlds[:, None], 0.0)
-        self._discounted.masked_fill_(worlds[:, None], 0.0)
+        self._sums.masked_fill_(worlds[:, None], 0.0)
         self._lengths.masked_fill_(worlds, 0)
         self._starts.masked_fill_(worlds, time.perf_counter())

@@ -1,10 +1,8 @@
 """Policies in the form that morl-baselines evaluates; does not import morl-baselines."""
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike, NDArray
 
-from ..envs import MorlaxError
 from ..networks.policy import Policy
 
 
@@ -27,12 +25,4 @@ class MorlBaselinesAgent:
         Raises:
             MorlaxError: `obs` does not fit the policy's task, or `w` is not a trade-off.
         """
-        agent = self.policy.agent
-        device = agent.observation_normalizer.mean.device
-        observation = torch.tensor(np.ascontiguousarray(obs, np.float32), device=device)
-        if observation.shape != (agent.observation_size,):
-            raise MorlaxError(
-                f"this policy needs an observation of {agent.observation_size} numbers, but got "
-                f"the shape {tuple(observation.shape)}: use an environment of the policy's task."
-            )
-        return self.policy(observation[None], np.asarray(w, dtype=np.float32))[0].cpu().numpy()
+        return self.policy(np.asarray(obs, np.float32), np.asarray(w, np.float32)).cpu().numpy()

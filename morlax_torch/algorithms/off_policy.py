@@ -161,7 +161,7 @@ class OffPolicy(Learner):
         if env.resumable and env.device.type == "cpu":
             self._process_state["replay"] = self.replay.state()
         self._held = 0  # environment steps stored since the replay was empty
-        self._start, self._rounds = options.start, options.rounds
+        self._start, self._rounds = options.start, options.updates // options.delay
         self._losses = self.tradeoffs.new_zeros(len(self.losses))
         self._sums.append(self._losses)
         self._updates = 0  # that losses are sums over

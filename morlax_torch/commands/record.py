@@ -54,7 +54,8 @@ def command(arguments: Sequence[str]) -> None:
         usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")
         file = options.output or usual
         front = loading.load_front(run) if options.sweep else None
-        bodies = [numbers(text, "--body thigh=0.4,calf=0.3") for text in options.body]
+        example = "--body thigh=0.4,calf=0.3"
+        bodies = [dict(numbers(text.split(","), example)) for text in options.body]
         time = options.seconds, options.speed
         sizes = options.width, options.height, options.pictures
         record(policy, file, tradeoffs, *time, *sizes, options.seed, front, bodies)

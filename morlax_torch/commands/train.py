@@ -1,7 +1,6 @@
 """Train a run in the terminal."""
 
 import shlex
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import closing
@@ -47,7 +46,7 @@ def command(arguments: Sequence[str]) -> None:
             display.evaluated(evaluation)
         display.finished(ended)
     if ended:
-        sys.exit(interrupted.exit_status)
+        interrupted.exit()
 
 
 def main() -> None:

@@ -107,7 +107,7 @@ def command(arguments: Sequence[str]) -> None:
                 search.run(options.trials, stopped, lambda trial: _print_trial(search, trial))
         _print_end(search, options.trials, arguments)
     if interrupted():
-        sys.exit(interrupted.exit_status)
+        interrupted.exit()
 
 
 def visible_gpus(device: str, workers: int | None, one_gpu: bool) -> list[str | None]:
@@ -128,7 +128,7 @@ def _run_workers(
     """Run a `tune` for each of the GPUs until all have ended, and print their trials."""
     threads = str(max(1, (os.cpu_count() or 1) // len(gpus)))
     command = [sys.executable, "-m", "morlax_torch", "tune", *arguments]
-    workers, printed, asked = [], {trial.number for trial in search.finished()}, False
+    workers, printed = [], {trial.number for trial in search.finished()}
     for gpu in gpus:
         environment = {"OMP_NUM_THREADS": threads, **os.environ, PARENT: str(os.getpid())}
         if gpu is not None:
@@ -136,21 +136,21 @@ def _run_workers(
         # in a group of its own, the terminal's Ctrl-C reaches it through this process only
         workers.append(subprocess.Popen(command, env=environment, process_group=0))
     try:
-        with Live(len(gpus)) as live:
+        with Live() as live:
             running = True
             while running:
                 time.sleep(PAUSE)
-                running = any(worker.poll() is None for worker in workers)
-                if interrupted() and not asked:
-                    asked = True
-                    for worker in workers:
-                        worker.terminate()
-                for row, trial in enumerate(search.running()[-len(gpus) :]):
-                    live.show(f"trial {trial.number}", row=row)
+                running = any(worker.poll() is None for worker in workers) and not interrupted()
+                numbers = [str(trial.number) for trial in search.running()[-len(gpus) :]]
+                live.show(f"trials {', '.join(numbers)}")
                 for trial in search.finished():
                     if trial.number not in printed:
                         printed.add(trial.number)
                         _print_trial(search, trial)
+        for worker in workers:
+            worker.terminate()
+        for worker in workers:
+            worker.wait()
     finally:
         for worker in workers:
             worker.kill()

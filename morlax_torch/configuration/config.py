@@ -220,11 +220,6 @@ class Config(Section):
                 f"sampling.focus is {focus}: give one weight for each of the {m} objectives, at "
                 "least one above zero, and then a share of training up to 1"
             )
-        if self.evaluation.tradeoffs < m:
-            raise ValueError(
-                f"evaluation.tradeoffs is {self.evaluation.tradeoffs}: at least one is needed for "
-                f"each of the {m} objectives"
-            )
         self.task.check_seeds(self.evaluation.seeds)
         self.method.check(K)
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K

@@ -176,6 +176,7 @@ class OffPolicyOptions(MethodOptions):
 
     weighted_sums: ClassVar[bool] = True
     start: ClassVar[int] = 5_000  # transitions to store before the first gradient step
+    delay: ClassVar[int] = 1  # gradient steps of the critics per call of `OffPolicy._improve`
     updates: Count
     """Gradient steps per iteration."""
     batch: Count
@@ -185,11 +186,6 @@ class OffPolicyOptions(MethodOptions):
     def replay_size(self) -> int:
         """Number of transitions to keep, of all worlds of a process."""
         return 500_000
-
-    @property
-    def rounds(self) -> int:
-        """Times that an iteration calls `OffPolicy._improve`."""
-        return self.updates
 
 
 class HyperSACOptions(OffPolicyOptions):

@@ -134,18 +134,16 @@ def checked_tradeoff(
     tradeoff: Tensor | Sequence[float], objectives: Sequence[str], device: torch.device
 ) -> Tensor:
     """Convert a trade-off (m,) or several (K, m) to float32 on the device, or raise MorlaxError."""
-    if not isinstance(tradeoff, Tensor):
+    numbers = tradeoff
+    if not isinstance(numbers, Tensor):
         try:
-            numbers = np.asarray(tradeoff)
-            kind = None if np.iscomplexobj(numbers) else np.float32
             # a copy: torch takes no negative strides, and warns of arrays that are read-only
-            tradeoff = torch.from_numpy(np.array(numbers, kind, order="C"))
+            numbers = torch.from_numpy(np.array(tradeoff, order="C"))
         except (TypeError, ValueError):
-            raise MorlaxError(f"a trade-off consists of numbers, not {tradeoff!r}.") from None
-    if tradeoff.is_complex():
-        raise MorlaxError("a trade-off consists of real numbers, not complex ones.")
-    tradeoff = tradeoff.to(device, torch.float32)
-    m = len(objectives)
+            numbers = None
+    if numbers is None or numbers.is_complex():
+        raise MorlaxError(f"a trade-off consists of real numbers, not {tradeoff!r}.")
+    tradeoff, m = numbers.to(device, torch.float32), len(objectives)
     if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
         raise MorlaxError(
             f"a trade-off needs {m} numbers ({', '.join(objectives)}), but the shape "

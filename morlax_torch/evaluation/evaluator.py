@@ -92,8 +92,8 @@ class Evaluator:
         # a recorded graph reads parameters at fixed addresses
         parameters = {name: value.clone() for name, value in actors.parameters.items()}
         self._actors = actors._replace(parameters=parameters)
-        possible = range(1, STEPS_PER_GRAPH + 1)
-        self._stride = max(n for n in possible if self._horizon % n == 0)
+        possible = range(STEPS_PER_GRAPH, 0, -1)
+        self._stride = next(number for number in possible if self._horizon % number == 0)
         self._steps = Graph(self._some_steps, env.device, [env.generator], self._one_step)
 
     def compile(self) -> None:

@@ -4,6 +4,7 @@ Each function returns a matplotlib figure. `save` writes it to files, `pixels` r
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from string import ascii_uppercase
 from typing import Any
 
@@ -49,7 +50,7 @@ def front_figure(
     pairs = conflicting_pairs(front.returns[front.non_dominated], MOST_PAIRS)
     all_pairs = m * (m - 1) // 2
     if len(pairs) < all_pairs:
-        title = _titled(title, f"the {len(pairs)} of {all_pairs} pairs that conflict most")
+        title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
     if m == 3 and width is None:  # a plot in 3D is hard to read in print
         figure = style.blank(10.2, 8.2, title)
         grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1])
@@ -71,10 +72,6 @@ def front_figure(
     return figure
 
 
-def _titled(title: str, more: str) -> str:
-    return f"{title}: {more}" if title else more
-
-
 def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes, tuple[int, int]]:
     """Plot the pair of objectives that conflicts most, in inches; returns its indices too."""
     (pair,) = conflicting_pairs(front.returns[front.non_dominated])
@@ -92,8 +89,8 @@ def _pair(
     _label(axes, front.objectives, pair)
     style.points(axes, x, y, best, size, colors[best])
     style.fit(axes, x, y)
-    for number, (index, text) in enumerate(labels.items()):
-        style.letter(axes, ascii_uppercase[number % 26], text, front.returns[index, pair], number)
+    for name, (index, text) in zip(cycle(ascii_uppercase), labels.items(), strict=False):
+        style.letter(axes, name, text, front.returns[index, pair])
 
 
 def _label(axes: Axes, names: Sequence[str], pair: tuple[int, int]) -> None:
@@ -113,7 +110,7 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
     heights = (front.returns[shown] - low) / np.where(high > low, high - low, 1.0)
     chief = front.tradeoffs[shown].argmax(1)
     if len(shown) < best.sum():
-        title = _titled(title, f"{len(shown)} of {best.sum()} policies of the front")
+        title += f"{': ' if title else ''}{len(shown)} of {best.sum()} policies of the front"
     column = max(1.6, style.LEGEND_LETTER * max(len(style.returned(name)) for name in names))
     figure = style.blank(2.2 + column * len(names), 4.6, title)
     axes = figure.add_subplot()
@@ -139,10 +136,9 @@ def shown_lines(front: Front) -> NDArray[np.intp]:
     best = np.flatnonzero(front.non_dominated)
     if len(best) <= MOST_LINES:
         return best
-    chosen = np.unique(best[front.returns[best].argmax(0)])[:MOST_LINES]
-    others = np.setdiff1d(best, chosen)
-    even = np.linspace(0, len(others) - 1, MOST_LINES - len(chosen)).round().astype(int)
-    return np.sort(np.concatenate([chosen, others[even]]))
+    chosen = best[front.returns[best].argmax(0)][:MOST_LINES]
+    even = np.linspace(0, len(best) - 1, MOST_LINES - len(chosen)).round().astype(int)
+    return np.union1d(chosen, best[even])
 
 
 def fronts_figure(
@@ -210,7 +206,6 @@ def designs_figure(
     designs: NDArray,
     parameters: Sequence[str],
     usual: NDArray,
-    title: str = "",
 ) -> Figure:
     """Plot the common front (n, m) of many bodies, colored by each of d design parameters in turn.
 
@@ -221,7 +216,7 @@ def designs_figure(
     (pair,) = conflicting_pairs(returns)
     x, y = returns[:, pair].T
     line = usual[usual[:, pair[0]].argsort()][:, pair]
-    figure, plots = style.panels(len(parameters), COLUMNS, (3.6, 3.1), title, room=0.5)
+    figure, plots = style.panels(len(parameters), COLUMNS, (3.6, 3.1), "", room=0.5)
     for axes, values, name in zip(plots, designs.T, parameters, strict=True):
         axes.plot(*line.T, "-", color="0.6", lw=1, label="default body")
         marks = axes.scatter(x, y, c=values, cmap=style.RUNS, s=SIZE)
@@ -283,18 +278,16 @@ def _maps(front: Front, title: str) -> Figure:
     simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
     bar: Any = {"location": "bottom", "shrink": 0.7, "format": style.short}
     for k, axes in enumerate(figure.subplots(1, 3)):
-        shades = style.shades(style.of_objectives(3)[k])
-        cells: Any = {"cmap": shades, "shading": "flat", "edgecolors": "face", "lw": 0.2}
+        cells: Any = {"cmap": style.SHADES[k], "edgecolors": "face", "lw": 0.2}
         colors = axes.tripcolor(simplex, front.returns[:, k], **cells)
         for corner, name in enumerate(names):
             weight = "bold" if corner == k else "normal"
-            above = corner == 2
-            style.note(axes, f"{name} only", CORNERS[corner], above, fontweight=weight)
+            style.note(axes, f"{name} only", CORNERS[corner], corner == 2, fontweight=weight)
         axes.plot(*CORNERS[[0, 1, 2, 0]].T, color="0.2", lw=0.8)
         axes.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(-0.08, 0.95))
         axes.set_axis_off()
-        label = style.returned(names[k])
-        figure.colorbar(colors, ax=axes, label=label, ticks=style.Apart(), **bar)
+        bar |= {"label": style.returned(names[k]), "ticks": style.Apart()}
+        figure.colorbar(colors, ax=axes, **bar)
     return figure
 
 

@@ -79,13 +79,15 @@ class Front(NamedTuple):
     def hypervolume(self) -> float:
         return pareto.hypervolume(self.returns, self.reference_point)
 
+    def _arrays(self) -> dict[str, np.ndarray]:
+        fields = self._asdict().items()
+        return {name: values for name, values in fields if isinstance(values, np.ndarray)}
+
     def parts(self, number: int) -> list[Self]:
         """Split into so many fronts, of as many trade-offs each."""
-        columns = {
-            name: np.split(values, number)
-            for name, values in self._asdict().items()
-            if isinstance(values, np.ndarray) and name != "reference_point"
-        }
+        rows = self._arrays()
+        del rows["reference_point"]
+        columns = {name: np.split(values, number) for name, values in rows.items()}
         return [
             self._replace(**{name: pieces[index] for name, pieces in columns.items()})
             for index in range(number)
@@ -131,10 +133,7 @@ class Front(NamedTuple):
         K, m = len(self.tradeoffs), len(self.objectives)
         shapes = {"tradeoffs": (K, m), "returns": (K, m), "reference_point": (m,)}
         shapes["quantities"] = K, len(self.quantity_names)
-        arrays = {
-            n: values for n, values in self._asdict().items() if isinstance(values, np.ndarray)
-        }
-        for name, values in arrays.items():
+        for name, values in self._arrays().items():
             shape = shapes.get(name, (K,))
             numbers = values.shape == shape and values.dtype.kind in "fiu"
             if not numbers or not np.isfinite(values).all():

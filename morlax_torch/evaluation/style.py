@@ -10,17 +10,17 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import EngFormatter, MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from matplotlib.ticker import AutoLocator, EngFormatter
+from numpy.typing import NDArray
 
 from ..host.files import replacing
 
 # of objectives, by Okabe and Ito: distinct to color-blind readers too
 PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
+SHADES = ("Blues", "Oranges", "Greens")  # maps from white to dark, of its first three
 INK = "#495057"
 RUNS = "viridis"  # perceptually uniform, and unlike the colors of objectives
 DOMINATED = {"s": 7, "color": "0.7", "lw": 0, "label": "dominated"}  # crosses mean falls
@@ -28,13 +28,11 @@ NON_DOMINATED = "_non-dominated"  # a label that no legend shows
 MARKERS = "osD^vP<*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
-MOST_TICKS = 9
 MOST_MIXED = 3  # objectives whose colors a trade-off mixes
 LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches, of letters of FONT_SIZE
 FONT_SIZE = 10.0  # points
 NARROWEST, PRINTED_ENTRY, PRINTED_LINE = 1.7, 1.8, 0.17  # inches of a plot and in a legend
 PRINTED_HEIGHT = 0.85  # of a plot, as a share of its width
-LETTER = 0.65  # width of a digit, as a share of the font size
 STYLES: dict[str, Any] = {
     "screen": {},
     "paper": {  # no text is smaller than 7 points
@@ -46,31 +44,20 @@ STYLES: dict[str, Any] = {
         "axes.linewidth": 0.6,
     },
 }
-EDGE = 0.15  # share of a plot that is near a side
 OUTLYING = (0.01, 0.99)  # quantiles between which the bulk of the values lies
 BULK = 0.7  # share of the range, below which an axis leaves out values beyond the bulk
 # journals require embedded TrueType fonts (type 42); the salt makes SVG files reproducible
 FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "morlax"}
 
 
-class Apart(MaxNLocator):
-    """Chooses so few ticks of a horizontal axis that their labels do not collide."""
-
-    def __init__(self) -> None:
-        super().__init__(steps=[1, 2, 2.5, 5, 10], min_n_ticks=1)
+class Apart(AutoLocator):
+    """Chooses so few ticks of a horizontal axis that labels of `short` do not collide."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         assert self.axis is not None
-        room = 3 * self.axis.get_tick_space()  # length of the axis, in font sizes
-        ticks: Any = []
-        for intervals in range(MOST_TICKS, 0, -1):
-            self.set_params(nbins=intervals)
-            ticks = super().tick_values(vmin, vmax)
-            labels = self.axis.get_major_formatter().format_ticks(ticks)
-            widest = LETTER * (2 + max(map(len, labels)))
-            if len(ticks) < 2 or widest * (vmax - vmin) <= room * (ticks[1] - ticks[0]):
-                break
-        return ticks
+        # matplotlib allows labels 3 font sizes, but those of `short` are wider
+        self.set_params(nbins=max(1, self.axis.get_tick_space() * 2 // 3), min_n_ticks=1)
+        return super().tick_values(vmin, vmax)
 
 
 def blank(width: float, height: float, title: str) -> Figure:
@@ -125,25 +112,19 @@ def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color
     axes.scatter(x[best], y[best], s=size, color=color, label=NON_DOMINATED)
 
 
-def note(
-    axes: Axes, text: str, point: ArrayLike, above: bool, right: float = 0.0, **style: Any
-) -> None:
-    """Write a text above or below a point, shifted to the right by so many points."""
-    x, y = np.asarray(point)
-    side = "left" if right > 0 else "right" if right < 0 else "center"
-    place: Any = {"ha": side, "va": "bottom" if above else "top", "textcoords": "offset points"}
-    axes.annotate(text, (x, y), xytext=(right, 4 if above else -4), **place, **style)
+def note(axes: Axes, text: str, point: Any, above: bool = True, **style: Any) -> None:
+    """Write a text above or below a point, unless the point lies outside the axes."""
+    offset, side = (4, "bottom") if above else (-4, "top")
+    style |= {"ha": "center", "va": side, "textcoords": "offset points"}
+    axes.annotate(text, tuple(point), (0, offset), **style)
 
 
-def letter(axes: Axes, name: str, text: str, point: NDArray, number: int) -> None:
-    """Mark a point with a letter, which the legend explains by a text, unless it lies outside."""
+def letter(axes: Axes, name: str, text: str, point: NDArray) -> None:
+    """Mark a point with a letter, which the legend explains by a text."""
     axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
-    shares = axes.transAxes.inverted().transform(axes.transData.transform(point))
     axes.scatter(*point, s=30, facecolor="none", edgecolor="black", linewidth=0.9, zorder=3)
-    turn = number % 2 == 0
-    right, above = (share < EDGE or (turn and share < 1 - EDGE) for share in shares)
     halo = [withStroke(linewidth=2, foreground="white")]
-    note(axes, name, point, above, 4 if right else -4, fontweight="bold", path_effects=halo)
+    note(axes, name, point, fontweight="bold", path_effects=halo)
 
 
 def of_objectives(m: int) -> list[str]:
@@ -161,13 +142,6 @@ def distinct(number: int) -> list[dict[str, Any]]:
 def tint(axes: Axes, x: str, y: str) -> None:
     for side, color in (("bottom", x), ("left", y)):
         axes.spines[side].set(color=color, linewidth=2.5)
-
-
-def shades(color: str) -> LinearSegmentedColormap:
-    """Return a color map from almost white to a dark shade of `color`, which rises in grayscale."""
-    red, green, blue = to_rgb(color)
-    dark = to_hex((0.3 * red, 0.3 * green, 0.3 * blue))
-    return LinearSegmentedColormap.from_list("shades", ["#f7f7f5", color, dark])
 
 
 def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
@@ -208,9 +182,7 @@ def fit(axes: Axes, x: NDArray, y: NDArray) -> None:
     axes.set(xlim=across, ylim=up)
     outside = (x < across[0]) | (x > across[1]) | (y < up[0]) | (y > up[1])
     if outside.any():
-        box: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
-        style: Any = {"transform": axes.transAxes, "color": INK, "fontsize": "small", "bbox": box}
-        axes.text(0.02, 0.02, f"{outside.sum()} outside", ha="left", va="bottom", **style)
+        axes.set_title(f"{outside.sum()} outside", loc="left", color=INK, fontsize="small")
 
 
 def legend_outside(figure: Figure, side: str = "lower center", title: str | None = None) -> None:
@@ -223,8 +195,7 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
         return
     location: Any = f"outside {side}"
     letters = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
-    size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
-    columns = int(figure.get_figwidth() / (letters * size / FONT_SIZE))
+    columns = int(figure.get_figwidth() / letters * FONT_SIZE / mpl.rcParams["font.size"])
     columns = 1 if "right" in side else max(1, columns)
     figure.legend(
         [*names.values()], [*names], loc=location, title=title, frameon=False, ncols=columns

@@ -21,7 +21,7 @@ def test_the_agent_s_action_equals_the_policy_s(make_policy):
     assert action.shape == (4,) and action.dtype == np.float32
     expected = policy.specialize(tradeoff)(torch.from_numpy(seen)[None])[0]
     np.testing.assert_allclose(action, expected, rtol=1e-5, atol=1e-6)
-    with pytest.raises(MorlaxError, match="of 13 numbers"):
+    with pytest.raises(MorlaxError, match="13 numbers for each"):
         agent.eval(np.zeros(17), tradeoff)
     with pytest.raises(MorlaxError, match="needs 2 numbers"):
         agent.eval(seen, (1.0,))

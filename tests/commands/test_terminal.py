@@ -121,11 +121,9 @@ def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
         output = io.StringIO()
         console = Console(file=output, force_terminal=terminal, width=80, legacy_windows=False)
         monkeypatch.setattr(cli, "console", console)
-        with cli.Live(2) as lines, within("ant"):
+        with cli.Live(), within("ant"):
             phase("filming", 0.25)
-            lines.show("trial 3: training", row=1)
-        for text in ("ant: filming 25%", "trial 3: training"):
-            assert (text in output.getvalue()) == terminal
+        assert ("ant: filming 25%" in output.getvalue()) == terminal
 
 
 def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:

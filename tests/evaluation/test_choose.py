@@ -414,7 +414,7 @@ def test_a_requirement_that_cannot_be_read_is_refused(option, text, remedy, type
     with pytest.raises(SystemExit):
         typed("cheetah", option, text, "--maximize", "energy")
     said = " ".join(capsys.readouterr().err.split())
-    assert said == f"error: {text!r} is not a requirement: write for example {option} {remedy}."
+    assert said == f"error: {text!r} names no number: write for example {option} {remedy}."
 
 
 @pytest.mark.parametrize("option", [("--at-most", "power=10"), ("--constrain", "power (W) <= 10")])

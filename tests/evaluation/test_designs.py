@@ -432,7 +432,7 @@ def test_a_film_shows_bodies_side_by_side(run, tmp_path, opengl):
 
 def test_a_body_that_is_no_list_of_numbers_is_one_sentence(run, refused):
     for text in ("thigh", "thigh=long"):
-        assert f"'{text}' does not name numbers" in refused(record, str(run), "--body", text)
+        assert f"'{text}' names no number" in refused(record, str(run), "--body", text)
     assert "were trained with one body" in refused(record, "hopper", "--body", "thigh=0.4")
 
 

@@ -214,9 +214,10 @@ def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
 WAITING = """
 from datetime import timedelta
 from torch.distributed import TCPStore
-from morlax_torch.commands.terminal.process import exiting_on_signals, exiting_when_stuck
+from morlax_torch.commands.terminal.process import exit_when_stuck, exiting_on_signals
 
-with exiting_on_signals(), exiting_when_stuck():
+with exiting_on_signals():
+    exit_when_stuck()
     store = TCPStore("127.0.0.1", 0, is_master=True, timeout=timedelta(seconds=90))
     print("waiting", flush=True)
     store.get("what nobody sets")  # Python handles no signal meanwhile

@@ -30,10 +30,6 @@ class PDMORLOptions(OffPolicyOptions):
     refresh: int = Field(default=20_000, gt=0, lt=2**40)
     """Environment steps between evaluations of the key trade-offs."""
 
-    @property
-    def rounds(self) -> int:
-        return self.updates // self.delay
-
     def check(self, clusters: int) -> None:
         check_multiple("batch", self.batch, self.relabels + 1)
         check_multiple("updates", self.updates, self.delay)

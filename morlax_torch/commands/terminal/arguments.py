@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import TextWrapper
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_origin
 
 import tyro
 from pydantic import BaseModel, Field, ValidationError, field_validator
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 HELP_ALL = "--help-all"
 USUAL = "cheetah"  # the task whose options --help-all lists if the command line names none
-KINDS = {int: "INT", float: "FLOAT", Path: "PATH", bool: ""}  # of values, in the short help
+KINDS = re.compile(r"\b(int|float|Path)\b")  # of values, in the short help
 
 C = TypeVar("C", bound=Section)
 S = TypeVar("S", bound="Start")
@@ -113,31 +113,30 @@ class Limits(Section):
         `more` are requirements such as "run >= 2000".
         """
         least, most = {}, {}
-        for limits, strictest, plain, option, sign, example in (
-            (least, max, self.at_least, "--at-least run=2000", ">=", "run >= 2000"),
-            (most, min, self.at_most, "--at-most power=60", "<=", "power <= 60"),
-        ):
-            rows = [(text, "=", option) for text in plain]
-            others = (text for text in more if ("<=" in text) == (sign == "<="))
-            rows += [(text, sign, f"--constrain '{example}'") for text in others]
-            for name, level in (_number(*row, "is not a requirement") for row in rows):
-                limits[name] = strictest(level, limits.get(name, level))
+        rows = numbers(self.at_least, "--at-least run=2000")
+        texts = [text for text in more if "<=" not in text]
+        for name, level in rows + numbers(texts, "--constrain 'run >= 2000'", ">="):
+            least[name] = max(level, least.get(name, level))
+        rows = numbers(self.at_most, "--at-most power=60")
+        texts = [text for text in more if "<=" in text]
+        for name, level in rows + numbers(texts, "--constrain 'power <= 60'", "<="):
+            most[name] = min(level, most.get(name, level))
         return least, most
 
 
-def numbers(text: str, example: str) -> dict[str, float]:
-    """Read numbers by name, such as "thigh=0.4,calf=0.3"; a refusal shows the example."""
-    return dict(_number(part, "=", example, "does not name numbers") for part in text.split(","))
-
-
-def _number(text: str, sign: str, example: str, problem: str) -> tuple[str, float]:
-    name, _, level = text.partition(sign)
-    try:
-        if name.strip() and math.isfinite(float(level)):
-            return name.strip(), float(level)
-    except ValueError:
-        pass
-    raise MorlaxError(f"{text!r} {problem}: write for example {example}.")
+def numbers(texts: Sequence[str], example: str, sign: str = "=") -> list[tuple[str, float]]:
+    """Read names and numbers, such as "thigh=0.4"; a refusal shows the example."""
+    rows = []
+    for text in texts:
+        name, _, level = (part.strip() for part in text.partition(sign))
+        try:
+            number = float(level) if name else math.nan
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise MorlaxError(f"{text!r} names no number: write for example {example}.")
+        rows.append((name, number))
+    return rows
 
 
 @_registry.struct_rule
@@ -275,16 +274,12 @@ def _help_row(command: type[Start], name: str) -> tuple[str, str]:
     for section in sections:
         model = model.model_fields[section].annotation
     kind = model.model_fields[option].annotation
-    value = next((name for part, name in KINDS.items() if part in _types(kind)), "NAME")
+    numeric = KINDS.search(str(kind))
+    value = "" if kind is bool else numeric[0].upper() if numeric else "NAME"
     label = f"  --{name.replace('_', '-')} {value}" + " ..." * (get_origin(kind) is tuple)
     text = text_of(model, option) or text_of(Config, option)
     first, *_ = re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)
     return label, first
-
-
-def _types(kind: Any) -> list[Any]:
-    """Return a type and those in it, such as int of tuple[int, ...] | None."""
-    return [kind, *(inner for part in get_args(kind) for inner in _types(part))]
 
 
 def _base_values(start: Start) -> dict[str, Any]:
@@ -329,11 +324,11 @@ def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
 
     A run to resume, whose config is `resumed`, may move to another device.
     """
-    device = envs.resolve_device(values["device"])
-    moved = resumed is not None and str(device) != resumed.device
+    device, backend = envs.resolve_device(values["device"]), values["backend"]
+    if resumed is not None and str(device) != resumed.device and backend == resumed.backend:
+        backend = None
     robot = issubclass(envs.get(values["env"]), envs.Environment)  # others have one simulator
-    kept = resumed is not None and moved and values["backend"] == resumed.backend
-    if robot and (values["backend"] is None or kept):
+    if robot and backend is None:
         values["backend"] = "warp" if device.type == "cuda" else "mujoco"
     return load_config({**values, "device": str(device)})
 

@@ -9,7 +9,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from typing import NoReturn, Self
 
 from rich.console import Console
@@ -21,7 +21,7 @@ from ...host.phases import heard_by
 from ...host.resources import shortage_of_memory
 from ...host.torchrun import FIRST, SEVERAL
 from ...host.version import __version__
-from .process import INTERRUPTED, exiting_on_signals, exiting_when_stuck
+from .process import INTERRUPTED, exit_when_stuck, exiting_on_signals
 
 GRACE = 2.0  # seconds
 ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
@@ -44,12 +44,9 @@ def print_command(why: str, command: str) -> None:
 
 
 class Live:
-    """Shows the phases of the work inside; on a file or pipe, after each LONGEST_SILENCE.
+    """Shows the phases of the work inside; on a file or pipe, after a LONGEST_SILENCE or two."""
 
-    Of the `rows` of moving lines, the first one shows the phases of this process.
-    """
-
-    def __init__(self, rows: int = 1):
+    def __init__(self) -> None:
         text = TextColumn("{task.description}", markup=False)
         self._moving = Progress(
             *(BarColumn(bar_width=8), text, TimeElapsedColumn()),
@@ -57,9 +54,9 @@ class Live:
             transient=True,
             disable=not console.is_terminal,
         )
-        for _ in range(rows):
-            self._moving.add_task("starting", total=None)
-        self._told, self._over, self._open = threading.Event(), threading.Event(), ExitStack()
+        self._moving.add_task("starting", total=None)
+        (self._task,) = self._moving.tasks
+        self._told, self._over, self._open = False, threading.Event(), ExitStack()
 
     def describe(self, name: str, share: float | None) -> str:
         return name if share is None else f"{name} {share:.0%}"
@@ -74,23 +71,16 @@ class Live:
     def __exit__(self, *_: object) -> None:
         self._open.close()
         self._over.set()
-        self.told()
 
     def _tell(self) -> None:
-        while not self._over.is_set():
-            if not self._told.wait(LONGEST_SILENCE):
-                for task in self._moving.tasks:
-                    console.print(f"   {task.description}")
-            self._told.clear()
+        while not self._over.wait(LONGEST_SILENCE):
+            if not self._told:
+                console.print(f"   {self._task.description}")
+            self._told = False
 
-    def show(self, name: str, share: float | None = None, row: int = 0) -> None:
-        task = self._moving.tasks[row]
-        task.description, task.completed = self.describe(name, share), share or 0.0
-        task.total = None if share is None else 1.0
-
-    def told(self) -> None:
-        """Note that a line has been printed."""
-        self._told.set()
+    def show(self, name: str, share: float | None = None) -> None:
+        self._task.description, self._task.completed = self.describe(name, share), share or 0.0
+        self._task.total = None if share is None else 1.0
 
 
 def run(main: Callable[[Sequence[str]], None]) -> None:
@@ -103,7 +93,9 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             return
         if any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
             raise MorlaxError("an argument is not valid UTF-8.")
-        with exiting_on_signals(), exiting_when_stuck() if SEVERAL else nullcontext():
+        if SEVERAL:
+            exit_when_stuck()
+        with exiting_on_signals():
             main(arguments)
         torch = sys.modules.get("torch")
         # freeing CUDA's memory would take a second
@@ -167,8 +159,7 @@ def skip_teardown(status: int = 0) -> NoReturn:
 def _unusable_opengl(error: Exception) -> str | None:
     """Say that MuJoCo could not be imported because of MUJOCO_GL, if that is why `error` came."""
     chosen, frames = os.environ.get("MUJOCO_GL"), traceback.extract_tb(error.__traceback__)
-    importing = any(frame.filename.endswith("mujoco/__init__.py") for frame in frames)
-    if not chosen or not importing or "mujoco" in sys.modules:
+    if not chosen or not any(frame.filename.endswith("mujoco/__init__.py") for frame in frames):
         return None
     return (
         f"MuJoCo cannot be imported with MUJOCO_GL={chosen}: {words(error)}. Unset MUJOCO_GL, or "

@@ -70,7 +70,7 @@ class Display(Live):
 
     def evaluated(self, evaluation: Evaluation) -> None:
         """Print a line for an evaluation, and the names of its columns before the first line."""
-        self.told()
+        self._told = True
         row = evaluation.row()
         name = hypervolume_in(row)
         volume = name.replace("_", " ")

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any
+from typing import Any, NoReturn
 
 BEGAN = time.perf_counter()  # almost when the process began: the package imports this module first
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
@@ -64,10 +64,9 @@ class Interruption:
     def __call__(self) -> bool:
         return self.signal != 0
 
-    @property
-    def exit_status(self) -> int:
-        """0, or 128 plus the signal, as shells report it: 130 for Ctrl-C, 143 for SIGTERM."""
-        return 128 + self.signal if self.signal else 0
+    def exit(self) -> NoReturn:
+        """Exit with the status of a program that the signal ended."""
+        sys.exit(128 + self.signal)
 
 
 @contextmanager
@@ -113,28 +112,19 @@ def _handling(handle: Callable[[int, Any], None]) -> Iterator[dict[signal.Signal
             signal.signal(which, handler)
 
 
-@contextmanager
-def exiting_when_stuck() -> Iterator[None]:
-    """Exit on a SIGTERM that Python does not notice within STUCK seconds.
+def exit_when_stuck() -> None:
+    """Exit from now on at a SIGTERM that Python does not notice within STUCK seconds.
 
     Python runs signal handlers between its own instructions, but a process that waits for one that
     has ended, in NCCL or in a rendezvous, does not come back to them.
     """
     received, notice = os.pipe()
     os.set_blocking(notice, False)
-    usual = signal.set_wakeup_fd(notice)
+    signal.set_wakeup_fd(notice)
 
     def watch() -> None:
         while number := os.read(received, 1):
             if number[0] == signal.SIGTERM and not _noticed.wait(STUCK):
                 os._exit(128 + signal.SIGTERM)
 
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(usual)
-        os.close(notice)
-        thread.join()
-        os.close(received)
+    threading.Thread(target=watch, daemon=True).start()
