@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple, Self
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -104,17 +104,6 @@ class BruceOptions(TaskOptions):
         if any(abs(v) > most for v, most in zip(velocity, FASTEST, strict=True)):
             raise ValueError("use at most 0.2 m/s forward and 0.1 m/s sideways: no gait is faster")
         return velocity
-
-
-class TaskState(NamedTuple):
-    """Initial task state besides the physics; one row per initial condition or world."""
-
-    command: Tensor  # (B, 2) m/s, forward and to the left
-    leg: Tensor  # (B,) first swing leg: 0 left, 1 right
-    anchor: Tensor  # (B, 3) pose of the reference: x, y (m) and yaw (rad)
-    points: Tensor  # (B, 8, 22) control points of the first step
-    target: Tensor  # (B, 23) of the reference
-    rates: Tensor  # (B, 22) of the reference
 
 
 class Histories:
@@ -224,7 +213,7 @@ class Bruce(Environment):
         anchors[standing, :2] = -poses[standing, POSITION][:, :2]
         walk = begun(self.physics.qpos)
         anchor = torch.from_numpy(anchors).to(walk.velocity)
-        self._first = TaskState(walk.velocity, walk.leg, anchor, walk.points, *walk.now())
+        self._first = walk.velocity, walk.leg, anchor, walk.points, *walk.now()
         rows = zip(poses, rates, standing, heights, strict=True)
         return Starts([self._first_state(*row) for row in rows], self.physics)
 
@@ -253,13 +242,14 @@ class Bruce(Environment):
         return 16 + 2
 
     def begin(self, fresh: Tensor) -> None:
-        first, here = TaskState(*(x[self.starts.rows] for x in self._first)), fresh[:, None]
-        torch.where(here, first.command, self.command, out=self.command)
-        self._anchor.begin(fresh, first.anchor)
-        self.reference.begin(fresh, first.command, first.leg, first.points)
-        torch.where(here, first.rates, self._rates, out=self._rates)
+        rows, here = self.starts.rows, fresh[:, None]
+        command, leg, anchor, points, target, rates = (values[rows] for values in self._first)
+        torch.where(here, command, self.command, out=self.command)
+        self._anchor.begin(fresh, anchor)
+        self.reference.begin(fresh, command, leg, points)
+        torch.where(here, rates, self._rates, out=self._rates)
         no_action = torch.zeros_like(self._action)
-        self._histories.refill(fresh, {"actions": no_action, **self._readings(first.target)})
+        self._histories.refill(fresh, {"actions": no_action, **self._readings(target)})
 
     def apply(self, action: Tensor) -> None:
         self._action.copy_(action.clamp(-1, 1))
@@ -273,16 +263,11 @@ class Bruce(Environment):
         self._rates.copy_(rates)
         self._anchor.advance(changed, target[:, BASE], self.physics.qpos[:, :7])
         self._histories.push({"actions": self._action, **self._readings(target)})
-        if self.options.draw_commands and self.options.redraw_every:
-            self._redraw(self.options.redraw_every)
-
-    def _redraw(self, every: int) -> None:
-        """Draw new commands in the worlds whose episode age reaches a multiple of `every` steps."""
-        due = (self.age + 1) % every == 0  # age does not count this step yet
-        rows = torch.empty_like(self.starts.rows)
-        commands = self._first.command
-        self.draws.integers_(rows, 0, len(commands))
-        torch.where(due[:, None], commands[rows], self.command, out=self.command)
+        if self.options.draw_commands and (every := self.options.redraw_every):
+            due = (self.age + 1) % every == 0  # age does not count this step yet
+            rows, (commands, *_) = torch.empty_like(self.starts.rows), self._first
+            self.draws.integers_(rows, 0, len(commands))
+            torch.where(due[:, None], commands[rows], self.command, out=self.command)
 
     def _readings(self, target: Tensor) -> dict[str, Tensor]:
         """Return the next value (N, C) of each history but the actions; sensors include noise."""
