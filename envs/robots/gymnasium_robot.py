@@ -197,9 +197,8 @@ class GymnasiumRobot(Environment):
         return torch.cat([positions, velocities, *self.seen_of_bodies().values()], -1)
 
     def layout(self) -> list[Part]:
-        model, fastest = self.physics.model, self.fastest_seen
-        limit = fastest if math.isfinite(fastest) else None
-        parts = [*positions(model)[self.unobserved :], *velocities(model, limit)]
+        model = self.physics.model
+        parts = [*positions(model)[self.unobserved :], *velocities(model, self.fastest_seen)]
         for name, values in self.seen_of_bodies().items():
             parts.append(Part(name, values.shape[1], UNITS.get(name, "N m, N")))
         return parts

@@ -336,6 +336,6 @@ class RunExhibit:
         return {self._choice.run: self._choice.run, **self._labels}
 
 
-# What a page shows. `behaviors` are at least one, of equal models; `state` describes as JSON what can
-# change, apart from poses; `react` fulfills a request, or raises MorlaxError and changes nothing.
+# What a page shows: `behaviors` are at least one, of equal models, `state` describes as JSON what
+# can change apart from poses, and `react` fulfills a request, or raises MorlaxError.
 Exhibit = ComparisonExhibit | RunExhibit
