@@ -15,12 +15,12 @@ PGMORL = {
     for member in ["Ant", "HalfCheetah", "Hopper", "Hopper3", "Humanoid", "Swimmer", "Walker2d"]
 }
 TASKS = {
-    "ant": "ant:Ant",
-    "bruce": "bruce:Bruce",
+    "ant": "spatial:Ant",
+    "bruce": "bruce.task:Bruce",
     "cheetah": "cheetah:Cheetah",
     "cheetah3": "cheetah:Cheetah3",
     "hopper": "planar:Hopper",
-    "humanoid": "humanoid:Humanoid",
+    "humanoid": "spatial:Humanoid",
     "walker": "planar:Walker",
     "design/ant": "designed:DesignedAnt",
     "design/cheetah": "designed:DesignedCheetah",

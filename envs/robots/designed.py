@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from ..worlds.design_space import DesignParameter
-from .ant import Ant
 from .cheetah import Cheetah3
 from .planar import Hopper
+from .spatial import Ant
 
 
 def _scale(spec: mujoco.MjSpec, link: str, child: str | None, factor: float) -> None:

@@ -12,12 +12,13 @@ import mujoco
 import numpy as np
 import torch
 from mujoco import mjtObj, mjtSensor
+from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from ..physics.interface import Physics
 from ..worlds.environment import Environment
 from ..worlds.mujoco_robot import Part, positions, velocities
-from ..worlds.options import TaskOptions
+from ..worlds.options import Count, TaskOptions
 
 WRENCH = sum(
     1 << int(getattr(mujoco.mjtConDataField, f"mjCONDATA_{field}"))
@@ -196,9 +197,8 @@ class GymnasiumRobot(Environment):
         return torch.cat([positions, velocities, *self.seen_of_bodies().values()], -1)
 
     def layout(self) -> list[Part]:
-        model, fastest = self.physics.model, self.fastest_seen
-        limit = fastest if math.isfinite(fastest) else None
-        parts = [*positions(model)[self.unobserved :], *velocities(model, limit)]
+        model = self.physics.model
+        parts = [*positions(model)[self.unobserved :], *velocities(model, self.fastest_seen)]
         for name, values in self.seen_of_bodies().items():
             parts.append(Part(name, values.shape[1], UNITS.get(name, "N m, N")))
         return parts
@@ -240,6 +240,8 @@ class GymnasiumRobot(Environment):
 class HumanoidOptions(TaskOptions):
     """The options of gymnasium's humanoid, under gymnasium's names."""
 
+    episode_length: Count = 1000
+    reset_noise: NonNegativeFloat = 0.01
     include_cinert_in_observation: bool = True
     """Observe the inertia of each body (130 numbers)."""
     include_cvel_in_observation: bool = True

@@ -182,8 +182,6 @@ class Humanoid(GymnasiumHumanoid):
         objectives: Objectives = {"run": {"run": 1.0}, "control": {"ctrl_cost": -1.0}}
         shared: dict[str, float] = {"healthy": 5.0, "contact_cost": -1.0}
         reference_point: Point = (-100.0, -2720.0)
-        episode_length: Count = 1000
-        reset_noise: NonNegativeFloat = 0.01
 
     def terms(self) -> dict[str, Tensor]:
         contact = self.bodies.contact_forces().square().sum((1, 2))

@@ -10,15 +10,14 @@ import math
 
 import mujoco
 import torch
-from pydantic import NonNegativeFloat
 from torch import Tensor
 
-from ..worlds.options import Count, Objectives, TaskOptions
+from ..worlds.options import Objectives, TaskOptions
+from . import mo_gymnasium
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 
 MAX_SPEED = 4.0  # m/s, of the cheetah; higher speeds earn no more reward
 MAX_PITCH = math.radians(50)  # of the cheetah
-STANDING = 1.25  # m, of the hopper
 # Control range and gear of the hopper: thigh, leg, foot.
 MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))
 
@@ -30,11 +29,8 @@ class RunEnergy(TaskOptions):
     njmax: int = 64
 
 
-class HalfCheetah(GymnasiumRobot):
+class HalfCheetah(mo_gymnasium.HalfCheetah):
     """MO-HalfCheetah-v2: run fast, use little energy."""
-
-    model_file = "half_cheetah.xml"
-    substeps = 5
 
     Options = RunEnergy
 
@@ -76,7 +72,7 @@ class Hopper(GymnasiumRobot):
             "alive": torch.ones_like(speed),
             "ctrl_cost": effort,
             "run": speed,
-            "jump": self.physics.qpos[:, 1] - STANDING,
+            "jump": self.physics.qpos[:, 1] - mo_gymnasium.STANDING,
             "energy": 4.0 - effort,
         }
 
@@ -97,12 +93,10 @@ class Hopper3(Hopper):
         shared: dict[str, float] = {"alive": 1.0}
 
 
-class Walker2d(GymnasiumRobot):
+class Walker2d(mo_gymnasium.Walker2d):
     """MO-Walker2d-v2: run fast, use little energy."""
 
     model_file = "walker2d.xml"
-    substeps = 4
-    fastest_seen = 10.0
 
     Options = RunEnergy
 
@@ -117,17 +111,9 @@ class Walker2d(GymnasiumRobot):
         speed = self.velocity()[:, 0]
         return {"alive": torch.ones_like(speed), "run": speed, "energy": 4.0 - self.effort()}
 
-    def failed(self) -> Tensor:
-        height, pitch = self.physics.qpos[:, 1], self.physics.qpos[:, 2]
-        return ~((height > 0.8) & (height < 2.0) & (pitch.abs() < 1.0))
 
-
-class Swimmer(GymnasiumRobot):
+class Swimmer(mo_gymnasium.Swimmer):
     """MO-Swimmer-v2: swim fast, use little energy."""
-
-    model_file = "swimmer.xml"
-    substeps = 4
-    unobserved = 2
 
     class Options(TaskOptions):
         objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 0.15}}
@@ -180,8 +166,6 @@ class Humanoid(GymnasiumHumanoid):
     class Options(HumanoidOptions):
         objectives: Objectives = {"run": {"run": 1.25}, "energy": {"energy": 1.0}}
         shared: dict[str, float] = {"alive": 3.0}
-        episode_length: Count = 1000
-        reset_noise: NonNegativeFloat = 0.01
 
     def terms(self) -> dict[str, Tensor]:
         speed = self.velocity()[:, 0]

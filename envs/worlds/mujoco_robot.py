@@ -1,5 +1,6 @@
 """A MuJoCo robot for viewers, films and exports, and the names of what it observes."""
 
+import math
 from abc import abstractmethod
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -33,9 +34,9 @@ def positions(model: mujoco.MjModel) -> list[Part]:
     return parts
 
 
-def velocities(model: mujoco.MjModel, limit: float | None = None) -> list[Part]:
+def velocities(model: mujoco.MjModel, limit: float = math.inf) -> list[Part]:
     """Name the parts of `qvel`, clipped to [-limit, limit] if there is a limit."""
-    clipped = "" if limit is None else f", clipped to [{-limit:g}, {limit:g}]"
+    clipped = "" if limit == math.inf else f", clipped to [{-limit:g}, {limit:g}]"
     parts = []
     for index, kind in enumerate(model.jnt_type.tolist()):
         name = f"velocity.{model.joint(index).name}"

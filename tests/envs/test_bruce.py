@@ -94,7 +94,7 @@ def test_only_feet_and_floor_collide(closed):
 
 def test_at_the_default_pose_chains_are_closed_and_soles_level(closed):
     data = mujoco.MjData(closed)
-    data.qpos[2] = bruce.DEFAULT_HEIGHT
+    data.qpos[2] = 0.455  # m; the soles are 30 mm above the floor
     data.qpos[7:] = bruce.joints_from_crank(closed) @ bruce.DEFAULT_POSE
     mujoco.mj_forward(closed, data)
     assert data.ne == 10  # two tendons and a point for each leg

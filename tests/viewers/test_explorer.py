@@ -121,7 +121,7 @@ def test_power_is_force_times_velocity(session):
     model, data = session.player.model, session.player.data
     joints = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     torque = model.actuator_gear[:, 0] * data.ctrl
-    assert session.power() == pytest.approx(np.abs(torque * data.qvel[joints]).sum())
+    assert session.told()["power"] == pytest.approx(np.abs(torque * data.qvel[joints]).sum())
 
 
 def test_runs_are_listed_newest_first(workplace, make_run):

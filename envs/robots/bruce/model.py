@@ -44,7 +44,6 @@ DEFAULT_POSE = np.array(
         *(0.0, -1.0, 0.0),
     ]
 )
-DEFAULT_HEIGHT = 0.455  # m; the soles are 30 mm above the floor
 
 SHORT_FOOT = 0.038  # m; half length of the published left foot, 10 mm less than the right
 FIELDS = ("geom_friction", "body_mass", "body_ipos", "actuator_gainprm", "actuator_biasprm")

@@ -1,8 +1,7 @@
 """BRUCE's task: walk at a commanded velocity, following a gait library, with six objectives."""
 
 import math
-from collections.abc import Mapping
-from typing import NamedTuple, Self
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -106,42 +105,6 @@ class BruceOptions(TaskOptions):
         return velocity
 
 
-class TaskState(NamedTuple):
-    """Initial task state besides the physics; one row per initial condition or world."""
-
-    command: Tensor  # (B, 2) m/s, forward and to the left
-    leg: Tensor  # (B,) first swing leg: 0 left, 1 right
-    anchor: Tensor  # (B, 3) pose of the reference: x, y (m) and yaw (rad)
-    points: Tensor  # (B, 8, 22) control points of the first step
-    target: Tensor  # (B, 23) of the reference
-    rates: Tensor  # (B, 22) of the reference
-
-
-class Histories:
-    """The latest values (N, K, C) of several quantities, newest first, by their `sizes` (K, C).
-
-    All are views of one buffer, so that one operation pushes or refills them.
-    """
-
-    def __init__(self, like: Tensor, sizes: Mapping[str, tuple[int, int]]):
-        widths = [length * channels for length, channels in sizes.values()]
-        self._all = like.new_zeros(len(like), sum(widths))
-        parts = zip(sizes.items(), self._all.split(widths, -1), strict=True)
-        self.values = {name: part.unflatten(-1, size) for (name, size), part in parts}
-
-    def push(self, newest: Mapping[str, Tensor]) -> None:
-        """Add the newest value (N, C) of each history and drop the oldest."""
-        pieces = []
-        for name, values in self.values.items():
-            pieces += [newest[name], values[:, :-1].flatten(1)]
-        self._all.copy_(torch.cat(pieces, -1))
-
-    def refill(self, where: Tensor, value: Mapping[str, Tensor]) -> None:
-        """Fill each history with its value (N, C) in the worlds `where` (N,) bool."""
-        pieces = [value[name] for name, old in self.values.items() for _ in range(old.shape[1])]
-        torch.where(where[:, None], torch.cat(pieces, -1), self._all, out=self._all)
-
-
 class Bruce(Environment):
     """BRUCE, rewarded for following a reference walk.
 
@@ -184,7 +147,12 @@ class Bruce(Environment):
         self._offset, self._shift = self._filtered.split([16, 2], -1)
         self._anchor = Anchor(like)
         self._rates = like.new_zeros(len(like), 22)  # of the reference
-        self._histories = Histories(like, HISTORIES)
+        # Latest values (N, K, C), newest first. All are views of one buffer, so that one operation
+        # pushes or refills them.
+        widths = [length * channels for length, channels in HISTORIES.values()]
+        self._past = like.new_zeros(len(like), sum(widths))
+        parts = zip(HISTORIES.items(), self._past.split(widths, -1), strict=True)
+        self._histories = {name: part.unflatten(-1, size) for (name, size), part in parts}
         super().__init__(physics, options, seed, auto_reset)
 
     @classmethod
@@ -224,7 +192,7 @@ class Bruce(Environment):
         anchors[standing, :2] = -poses[standing, POSITION][:, :2]
         walk = begun(self.physics.qpos)
         anchor = torch.from_numpy(anchors).to(walk.velocity)
-        self._first = TaskState(walk.velocity, walk.leg, anchor, walk.points, *walk.now())
+        self._first = walk.velocity, walk.leg, anchor, walk.points, *walk.now()
         rows = zip(poses, rates, standing, heights, strict=True)
         return Starts([self._first_state(*row) for row in rows], self.physics)
 
@@ -253,13 +221,15 @@ class Bruce(Environment):
         return 16 + 2
 
     def begin(self, fresh: Tensor) -> None:
-        first, here = TaskState(*(x[self.starts.rows] for x in self._first)), fresh[:, None]
-        torch.where(here, first.command, self.command, out=self.command)
-        self._anchor.begin(fresh, first.anchor)
-        self.reference.begin(fresh, first.command, first.leg, first.points)
-        torch.where(here, first.rates, self._rates, out=self._rates)
-        no_action = torch.zeros_like(self._action)
-        self._histories.refill(fresh, {"actions": no_action, **self._readings(first.target)})
+        rows, here = self.starts.rows, fresh[:, None]
+        command, leg, anchor, points, target, rates = (values[rows] for values in self._first)
+        torch.where(here, command, self.command, out=self.command)
+        self._anchor.begin(fresh, anchor)
+        self.reference.begin(fresh, command, leg, points)
+        torch.where(here, rates, self._rates, out=self._rates)
+        value = {"actions": torch.zeros_like(self._action), **self._readings(target)}
+        pieces = [value[name] for name, old in self._histories.items() for _ in range(old.shape[1])]
+        torch.where(here, torch.cat(pieces, -1), self._past, out=self._past)
 
     def apply(self, action: Tensor) -> None:
         self._action.copy_(action.clamp(-1, 1))
@@ -272,17 +242,15 @@ class Bruce(Environment):
         target, rates = self.reference.now()
         self._rates.copy_(rates)
         self._anchor.advance(changed, target[:, BASE], self.physics.qpos[:, :7])
-        self._histories.push({"actions": self._action, **self._readings(target)})
-        if self.options.draw_commands and self.options.redraw_every:
-            self._redraw(self.options.redraw_every)
-
-    def _redraw(self, every: int) -> None:
-        """Draw new commands in the worlds whose episode age reaches a multiple of `every` steps."""
-        due = (self.age + 1) % every == 0  # age does not count this step yet
-        rows = torch.empty_like(self.starts.rows)
-        commands = self._first.command
-        self.draws.integers_(rows, 0, len(commands))
-        torch.where(due[:, None], commands[rows], self.command, out=self.command)
+        newest, pieces = {"actions": self._action, **self._readings(target)}, []
+        for name, values in self._histories.items():
+            pieces += [newest[name], values[:, :-1].flatten(1)]
+        self._past.copy_(torch.cat(pieces, -1))
+        if self.options.draw_commands and (every := self.options.redraw_every):
+            due = (self.age + 1) % every == 0  # age does not count this step yet
+            rows, (commands, *_) = torch.empty_like(self.starts.rows), self._first
+            self.draws.integers_(rows, 0, len(commands))
+            torch.where(due[:, None], commands[rows], self.command, out=self.command)
 
     def _readings(self, target: Tensor) -> dict[str, Tensor]:
         """Return the next value (N, C) of each history but the actions; sensors include noise."""
@@ -312,7 +280,7 @@ class Bruce(Environment):
         reference = self.reference
         step = torch.stack([reference.leg.to(self.command), reference.phase], -1)
 
-        past = {name: values.flatten(1) for name, values in self._histories.values.items()}
+        past = {name: values.flatten(1) for name, values in self._histories.items()}
         motion = [past["gyro"], past["accelerometer"], self._rates, step]
         asked = [past["asked_joints"], past["asked_base"]]
         return torch.cat([*motion, past["actions"], self.command, past["measured"], *asked], -1)
@@ -350,7 +318,7 @@ class Bruce(Environment):
     def terms(self) -> dict[str, Tensor]:
         legs = bruce.NUM_LEG_JOINTS
         qpos, torques = self.physics.qpos, self.physics.sensors[:, 6:]
-        past = self._histories.values
+        past = self._histories
         joints, actions = past["joints"], self._reach * past["actions"]
         target_joints = past["asked_joints"][:, 1]
         position, attitude = self._anchor.placed(past["asked_base"][:, 1])
@@ -388,7 +356,7 @@ class Bruce(Environment):
             "offset": self._offset,
             "shift": self._shift,
             "rates": self._rates,
-            **{f"_{name}": values for name, values in self._histories.values.items()},
+            **{f"_{name}": values for name, values in self._histories.items()},
             **self._anchor.state(),
             **self.reference.state(),
         }

@@ -1,7 +1,7 @@
 """Questions "A or B?" to a user: which two behaviors to compare next, and who learns from it."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 from numpy.typing import ArrayLike
@@ -15,12 +15,6 @@ from .session import Behavior, Clip, Session
 # yields the behaviors A and B, and evidence of the answers so far for a page; is sent the preferred
 # behavior, 0 (A) or 1 (B), or None for a skipped question
 Questions = Generator[tuple[Sequence[Behavior], dict[str, Any]], int | None, None]
-
-
-class Comparisons(Protocol):
-    """A source of questions. `ComparisonExhibit` puts them to a user."""
-
-    def __iter__(self) -> Questions: ...
 
 
 def policy_questions(front: Front, sessions: tuple[Session, Session], seed: int = 0) -> Questions:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ...envs import MorlaxError
 from ...evaluation.front import Front
@@ -15,7 +15,7 @@ from ...networks.policy import Policy
 from ...runs.choosing import Chooser
 from ...runs.loading import bookmark, bookmarks, evaluate, own_folder
 from . import library
-from .comparisons import Comparisons, policy_questions
+from .comparisons import ClipComparisons, Questions, policy_questions
 from .session import Behavior, Put, Session, Weights
 
 MOST = 4  # robots
@@ -107,29 +107,13 @@ class Thresholds:
             self.reason = str(error)
 
 
-class Exhibit(Protocol):
-    """Robots, and what users may do with them.
-
-    `behaviors` are at least one, of equal models. `state` describes everything that can change,
-    apart from poses, as JSON. `react` fulfills a user's request, or raises MorlaxError and changes
-    nothing.
-    """
-
-    @property
-    def behaviors(self) -> Sequence[Behavior]: ...
-
-    def state(self) -> dict[str, Any]: ...
-
-    def react(self, request: Request) -> None: ...
-
-
 class ComparisonExhibit:
     """Asks "A or B?" until a source of at least one question has no more.
 
     `behaviors` are A and B, which may be others after each answer; the last ones stay.
     """
 
-    def __init__(self, source: Comparisons):
+    def __init__(self, source: ClipComparisons | Questions):
         self._questions, self._answers, self._over = iter(source), 0, False
         self._told: dict[str, Any] | None = None  # the answer before
         self.behaviors: Sequence[Behavior] = ()
@@ -349,3 +333,8 @@ class RunExhibit:
         if time.monotonic() > self._scanned + SCAN:
             self._scanned, self._labels = time.monotonic(), library.labels()
         return {self._choice.run: self._choice.run, **self._labels}
+
+
+# What a page shows: `behaviors` are at least one, of equal models, `state` describes as JSON what
+# can change apart from poses, and `react` fulfills a request, or raises MorlaxError.
+Exhibit = ComparisonExhibit | RunExhibit

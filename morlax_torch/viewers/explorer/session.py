@@ -195,19 +195,17 @@ class Session(Behavior):
         }
 
     def told(self) -> dict[str, Any]:
+        data = self.data
         return {
             "tradeoff": self.tradeoff,
             "returns": _finite(self.player.returns),
             "counted": self.steps,
             "ended": self.last_episode,
             # m/s along x and, if it can move there, y
-            "velocity": _finite(self.data.qvel[self.axes]),
-            "power": _finite(self.power()),
+            "velocity": _finite(data.qvel[self.axes]),
+            # W, mechanical, of the motors; absorbed power counts as positive too
+            "power": _finite(np.abs(data.actuator_force * data.actuator_velocity).sum()),
         }
-
-    def power(self) -> float:
-        """Return the motors' mechanical power in watts; absorbed power counts as positive too."""
-        return float(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum())
 
 
 def _finite(values: ArrayLike) -> Any:

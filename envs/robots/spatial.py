@@ -1,4 +1,4 @@
-"""Humanoid: run as fast as possible, use little energy."""
+"""Robots that move in space: the ant and the humanoid."""
 
 from functools import cached_property
 
@@ -10,12 +10,55 @@ from ..worlds.environment import Environment
 from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Objectives, TaskOptions
 
-ACTION_SCALE = 3.0  # the motors clip control to [-1, 1]; the energy term uses the unclipped action
+MIN_UPRIGHT = 0.45  # world-z of the ant's up axis, a tilt of 63 degrees
+# The humanoid's motors clip control to [-1, 1]; its energy term uses the unclipped action.
+ACTION_SCALE = 3.0
 EXTREMITIES = ("right_hand", "left_hand", "right_foot", "left_foot")
 
 
+class Ant(Environment):
+    """A quadruped: move along x, move along y."""
+
+    model_file = "assets/ant.xml"
+    paper_reset_terms = {"alive": 1.0, "energy": 8.0, "vx": 1.0, "vy": 1.0}
+
+    class Options(TaskOptions):
+        objectives: Objectives = {"vx": {"vx": 1.0}, "vy": {"vy": 1.0}}
+        shared: dict[str, float] = {"alive": 1.0, "energy": 0.5}
+        nconmax: int = 8
+        njmax: int = 40
+
+    def initial_qpos(self) -> np.ndarray:
+        height, upright = 1.0, [1, 0, 0, 0]
+        return np.array([0, 0, height, *upright, 0, 0.5, 0, -0.5, 0, -0.5, 0, 0.5])
+
+    def observe(self) -> Tensor:
+        return torch.cat([self.physics.qpos[:, 2:], self.physics.qvel], -1)
+
+    def layout(self) -> list[Part]:
+        return [*positions(self.physics.model)[2:], *velocities(self.physics.model)]
+
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.copy_(action.clamp(-1, 1))
+
+    def remember(self) -> dict[str, Tensor]:
+        return {"xy": self.physics.qpos[:, :2]}
+
+    def terms(self) -> dict[str, Tensor]:
+        velocity = (self.physics.qpos[:, :2] - self.memory["xy"]) / self.dt
+        return {
+            "alive": torch.ones_like(velocity[:, 0]),
+            "energy": 8.0 - self.physics.ctrl.square().sum(-1),
+            "vx": velocity[:, 0],
+            "vy": velocity[:, 1],
+        }
+
+    def failed(self) -> Tensor:
+        return self.physics.sensor("up")[:, 2] < MIN_UPRIGHT
+
+
 class Humanoid(Environment):
-    """The paper's humanoid.
+    """The paper's humanoid: run as fast as possible, use little energy.
 
     Sensors measure the head, the torso axes, the center of mass and its velocity, so these lag one
     physics step.
