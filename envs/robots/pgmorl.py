@@ -7,6 +7,7 @@ older MuJoCo, in which the same actions give similar but not identical motions.
 """
 
 import math
+from typing import Any
 
 import mujoco
 import torch
@@ -32,7 +33,7 @@ class RunEnergy(TaskOptions):
 class HalfCheetah(mo_gymnasium.HalfCheetah):
     """MO-HalfCheetah-v2: run fast, use little energy."""
 
-    Options = RunEnergy
+    Options: Any = RunEnergy
 
     def terms(self) -> dict[str, Tensor]:
         speed = self.velocity()[:, 0]
@@ -98,7 +99,7 @@ class Walker2d(mo_gymnasium.Walker2d):
 
     model_file = "walker2d.xml"
 
-    Options = RunEnergy
+    Options: Any = RunEnergy
 
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
