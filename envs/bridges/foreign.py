@@ -180,6 +180,3 @@ class ForeignWorlds(Worlds):
     def _joined(self, groups: Any) -> Tensor:
         """Return what a policy sees, then what only critics see, (N, O + P)."""
         return torch.cat([groups[name] for name in self.groups], 1).float()
-
-    def _policy(self, seen: Tensor) -> Tensor:
-        return seen[:, : self.observation_size]

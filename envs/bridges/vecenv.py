@@ -67,10 +67,7 @@ def from_vecenv(
 
 
 class VecEnvWorlds(ForeignWorlds):
-    """N worlds of a vectorized environment; `from_vecenv` makes such classes.
-
-    They restart by themselves, and do not show how an episode ended.
-    """
+    """N worlds of a vectorized environment; `from_vecenv` makes such classes."""
 
     make_env: Any
     read_terms: Any

@@ -150,6 +150,10 @@ class Worlds(ABC):
             "false, or override `mirror` in the task."
         )
 
+    def _policy(self, seen: Tensor) -> Tensor:
+        """Return what policies see (N, O) of what critics see, (N, O + P)."""
+        return seen[:, : self.observation_size]
+
     def overflow(self) -> Tensor:
         """Return (N,) int32, non-zero where the simulator's buffers overflowed."""
         return torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
