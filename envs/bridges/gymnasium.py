@@ -2,8 +2,7 @@
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, ClassVar
 
@@ -14,7 +13,7 @@ from gymnasium.spaces import Box, Space
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..errors import MorlaxError, located, words
+from ..errors import MorlaxError, user_code
 from ..naming import GYMNASIUM
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome
@@ -94,12 +93,8 @@ def from_id(name: str) -> type["GymnasiumWorlds"]:
                 f"{GYMNASIUM}MODULE:{identity}, or pip install mo-gymnasium."
             ) from None
     make = partial(gymnasium.make, identity, disable_env_checker=True)  # rewards are vectors
-    try:
+    with user_code(f"Gymnasium cannot make {identity!r}"):
         return from_gymnasium(make, name)
-    except MorlaxError:
-        raise
-    except (Exception, SystemExit) as error:  # any error of the user's own code
-        raise MorlaxError(f"Gymnasium cannot make {identity!r}: {words(error)}") from None
 
 
 class GymnasiumWorlds(ForeignWorlds):
@@ -175,17 +170,10 @@ class GymnasiumWorlds(ForeignWorlds):
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self._episodes = episodes.tolist()
 
-    @contextmanager
-    def _explained(self, label: str, env: gymnasium.Env | None = None) -> Iterator[None]:
+    def _explained(self, label: str, env: gymnasium.Env | None = None) -> Any:
         """Name an environment's method that fails, or whose answer does not fit, and its line."""
-        try:
-            yield
-        except (MorlaxError, MemoryError):
-            raise
-        except (Exception, SystemExit) as error:  # any error of the user's own code
-            module = sys.modules.get(type(env and env.unwrapped).__module__)
-            cause = located(error, getattr(module, "__file__", None))
-            raise MorlaxError(f"{self.name}: {label} fails: {cause}") from error
+        module = sys.modules.get(type(env and env.unwrapped).__module__)
+        return user_code(f"{self.name}: {label} fails", getattr(module, "__file__", None))
 
     def _flat(self, observation: Any) -> NDArray[np.float64]:
         shape = self._space.shape

@@ -266,7 +266,7 @@ class Environment(Robot):
             for qpos, model in zip(bank.starts, bank.models, strict=True)
             for start in around(qpos, noise, model, self._seed, STARTS_OF_BODY)
         ]
-        self.starts = Starts(starts, physics, self.embodied, len(bank.models))
+        self.starts = Starts(starts, physics, self.embodied)
         physics.choose(self.embodied)
         self.reset()
 
@@ -297,7 +297,6 @@ class Environment(Robot):
         self.physics.move_only(which)
 
     def step(self, action: Tensor) -> TimeStep:
-        checks.action(self, action)
         self.apply(self._delay(action) if self._delay else action)
         if self._pushes:
             self._pushes()
@@ -370,9 +369,7 @@ class Environment(Robot):
                 MorlaxWarning,
                 stacklevel=2,
             )
-        zero = torch.zeros((), dtype=torch.float32)
-        values = {"act": zero, "ctrl": zero}
-        values |= {name: start for name, (_, start) in self.physics.parts.items()}
+        values: dict[str, Any] = {name: start for name, (_, start) in self.physics.parts.items()}
         values |= {f"state.{name}": value for name, value in self._initial.items()}
         values |= state
         saved = self._state()

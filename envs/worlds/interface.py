@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, unknown
+from . import checks
 from .design_space import DesignParameter
 from .mirror import Mirror
 from .options import ObjectiveOptions
@@ -71,8 +72,8 @@ class Worlds(ABC):
             @wraps(step)
             @torch.no_grad()  # worlds would keep the graph of the actions for ever
             def stepped(self: Any, action: Tensor) -> TimeStep:
-                tracked = isinstance(action, Tensor) and action.requires_grad
-                return step(self, action.detach() if tracked else action)
+                checks.action(self, action)
+                return step(self, action.detach())
 
             cls.step = stepped
 

@@ -1,11 +1,8 @@
 """Left and right: how a robot's numbers change when it is seen in a mirror, and whether they do.
 
 The mirror flips y: a position or velocity (x, y, z) becomes (x, -y, z), and an axial vector, such
-as the axis of a rotation, (-x, y, -z).
-
-`check` compares the numbers of a model, which tell how joints and motors are mirrored, and its
-accelerations. `find_mirror` also simulates the robot beside its mirror image: what both observe
-tells how observations are mirrored, so that tasks need not declare it.
+as the axis of a rotation, (-x, y, -z). `check` compares a model's numbers and accelerations.
+`find_mirror` also simulates the robot beside its image, which tells how observations are mirrored.
 """
 
 import copy
