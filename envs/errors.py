@@ -59,14 +59,9 @@ def words(error: BaseException) -> str:
 
 def located(error: BaseException, file: str | None = None) -> str:
     """Return the `words` of an error, with the last line of `file` that it came through."""
-    number = line_in(error, file)
-    return f"{words(error)} ({file}, line {number})" if number else words(error)
-
-
-def line_in(error: BaseException, file: str | None) -> int | None:
-    """Return the number of the last line of `file` that an error came through, if any."""
     frames = traceback.extract_tb(error.__traceback__)
-    return next((frame.lineno for frame in reversed(frames) if frame.filename == file), None)
+    lines = [frame.lineno for frame in frames if frame.filename == file]
+    return f"{words(error)} ({file}, line {lines[-1]})" if lines else words(error)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import mujoco
 from pydantic import ValidationError
 
 from .bridges.gymnasium import GymnasiumWorlds
-from .errors import MorlaxError, line_in, shortened, unknown, user_code, words
+from .errors import MorlaxError, shortened, unknown, user_code
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
@@ -75,12 +75,11 @@ def import_file(file: str, what: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[file] = module
     try:
-        spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:  # any error of the user's own code
+        with user_code(f"{file} cannot be imported", file):
+            spec.loader.exec_module(module)
+    except BaseException:
         del sys.modules[file]
-        line = line_in(error, file)
-        where = f"{file}, line {line}," if line else file
-        raise MorlaxError(f"{where} cannot be imported: {words(error)}") from None
+        raise
     return module
 
 

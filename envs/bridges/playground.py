@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, line, shortened, unknown
+from ..errors import MorlaxError, shortened, unknown, user_code
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome, imported, require
 
@@ -137,18 +137,15 @@ class Functions:
 
     def __init__(self, name: str, cfg: Any):
         self.jax = jax = import_module("jax")
-        try:
-            with warnings.catch_warnings(action="ignore"):
+        with user_code(f"Playground cannot make {name}"), warnings.catch_warnings(action="ignore"):
+            try:
                 self._env = env = registry().load(name.rpartition(":")[2], config=cfg)
                 _quiet(env)
                 start = jax.eval_shape(env.reset, jax.random.PRNGKey(0))
                 jax.eval_shape(env.step, start, jax.numpy.zeros(env.action_size))
-        except subprocess.CalledProcessError:
-            raise MorlaxError(
-                f"{name} needs a robot of MuJoCo Menagerie, which git could not fetch from GitHub."
-            ) from None
-        except Exception as error:  # a task may run any code
-            raise MorlaxError(f"Playground cannot make {name}: {line(error)}") from error
+            except subprocess.CalledProcessError:
+                menagerie = "a robot of MuJoCo Menagerie, which git could not fetch from GitHub"
+                raise MorlaxError(f"{name} needs {menagerie}.") from None
         groups = _groups(start.obs)
         sizes = [groups[key].shape for key in (POLICY, CRITIC) if key in groups]
         if POLICY not in groups or any(len(size) != 1 for size in sizes):
