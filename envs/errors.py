@@ -3,7 +3,8 @@
 import difflib
 import reprlib
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -58,14 +59,20 @@ def words(error: BaseException) -> str:
 
 def located(error: BaseException, file: str | None = None) -> str:
     """Return the `words` of an error, with the last line of `file` that it came through."""
-    number = line_in(error, file)
-    return f"{words(error)} ({file}, line {number})" if number else words(error)
-
-
-def line_in(error: BaseException, file: str | None) -> int | None:
-    """Return the number of the last line of `file` that an error came through, if any."""
     frames = traceback.extract_tb(error.__traceback__)
-    return next((frame.lineno for frame in reversed(frames) if frame.filename == file), None)
+    lines = [frame.lineno for frame in frames if frame.filename == file]
+    return f"{words(error)} ({file}, line {lines[-1]})" if lines else words(error)
+
+
+@contextmanager
+def user_code(sentence: str, file: str | None = None) -> Iterator[None]:
+    """Turn any error of a user's own code, such as that in `file`, into a sentence."""
+    try:
+        yield
+    except (MorlaxError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        raise MorlaxError(f"{sentence}: {located(error, file)}") from error
 
 
 def explained(error: ValidationError, model: type[BaseModel]) -> MorlaxError:

@@ -15,7 +15,7 @@ import mujoco
 from pydantic import ValidationError
 
 from .bridges.gymnasium import GymnasiumWorlds
-from .errors import MorlaxError, line_in, shortened, unknown, words
+from .errors import MorlaxError, shortened, unknown, user_code
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
@@ -38,13 +38,8 @@ def from_file(name: str) -> type[Worlds]:
 def from_entry_point(name: str) -> type[Worlds]:
     """Load the task that an installed package offers as `name`."""
     point, *_ = metadata.entry_points(group=GROUP, name=name)
-    try:
-        task = point.load()
-    except (Exception, SystemExit) as error:  # any error of the package's own code
-        raise MorlaxError(
-            f"the environment {name!r} cannot be imported from {point.value}: {words(error)}"
-        ) from None
-    return checked(task)
+    with user_code(f"the environment {name!r} cannot be imported from {point.value}"):
+        return checked(point.load())
 
 
 def checked(task: type[Worlds]) -> type[Worlds]:
@@ -80,12 +75,11 @@ def import_file(file: str, what: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[file] = module
     try:
-        spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:  # any error of the user's own code
+        with user_code(f"{file} cannot be imported", file):
+            spec.loader.exec_module(module)
+    except BaseException:
         del sys.modules[file]
-        line = line_in(error, file)
-        where = f"{file}, line {line}," if line else file
-        raise MorlaxError(f"{where} cannot be imported: {words(error)}") from None
+        raise
     return module
 
 

@@ -14,8 +14,6 @@ from .worlds.environment import Environment
 from .worlds.interface import Worlds
 from .worlds.mujoco_robot import Robot
 
-MOST_WORLDS = 2**31  # simulators count them in 32 bits
-
 
 def make(
     name: str,
@@ -51,23 +49,21 @@ def make(
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
     check_seed(seed)
-    _check_integer("num_worlds", num_worlds)
-    if not 1 <= num_worlds < MOST_WORLDS:
-        raise MorlaxError(f"num_worlds is {num_worlds}: it must be from 1 to {MOST_WORLDS - 1}.")
+    _check_integer("num_worlds", num_worlds, 1, 2**31 - 1, "2147483647")  # of 32 bits
     kind = {"auto_reset": auto_reset, "deterministic": deterministic}
     return task.build(options, int(num_worlds), chosen, backend, int(seed), **kind)
 
 
 def check_seed(seed: int) -> None:
     """Raise MorlaxError unless a random generator can have this seed."""
-    _check_integer("seed", seed)
-    if not 0 <= seed < 2**64:
-        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^64 - 1.")
+    _check_integer("seed", seed, 0, 2**64 - 1, "2^64 - 1")
 
 
-def _check_integer(name: str, value: object) -> None:
+def _check_integer(name: str, value: Any, least: int, most: int, limit: str) -> None:
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise MorlaxError(f"{name} is {shortened(value)}: it must be an integer.")
+    if not least <= int(value) <= most:
+        raise MorlaxError(f"{name} is {value}: it must be from {least} to {limit}.")
 
 
 def has_robot(name: str) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, installation, words
+from ..errors import MorlaxError, installation, user_code
 from ..worlds import checks
 from ..worlds.interface import TimeStep, Worlds
 
@@ -33,10 +33,8 @@ def imported(name: str) -> str:
     """Return TASK of "LIBRARY:TASK" or "LIBRARY:MODULE:TASK", and import the module."""
     module, _, task = name.partition(":")[2].rpartition(":")
     if module:
-        try:
+        with user_code(f"{name} cannot import {module}"):
             import_module(module)
-        except (Exception, SystemExit) as error:  # any error of the user's own code
-            raise MorlaxError(f"{name} cannot import {module}: {words(error)}") from None
     return task
 
 
@@ -131,7 +129,6 @@ class ForeignWorlds(Worlds):
         return self._policy(self._seen.clone())
 
     def step(self, action: Tensor) -> TimeStep:
-        checks.action(self, action)
         standing = self._over.any(0)  # none with automatic reset
         seen, final, paid, failed, timed_out, blown_up = self._advance(action)
         blown_up = blown_up & ~standing
@@ -180,6 +177,3 @@ class ForeignWorlds(Worlds):
     def _joined(self, groups: Any) -> Tensor:
         """Return what a policy sees, then what only critics see, (N, O + P)."""
         return torch.cat([groups[name] for name in self.groups], 1).float()
-
-    def _policy(self, seen: Tensor) -> Tensor:
-        return seen[:, : self.observation_size]

@@ -2,8 +2,7 @@
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, ClassVar
 
@@ -14,7 +13,7 @@ from gymnasium.spaces import Box, Space
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..errors import MorlaxError, located, words
+from ..errors import MorlaxError, user_code
 from ..naming import GYMNASIUM
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome
@@ -41,27 +40,24 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
     """
     one = make()
     name = name or str(one)
-    space = getattr(one, "action_space", None)
-    if not isinstance(space, Box) or not np.prod(space.shape):
-        raise MorlaxError(
-            f"{name} has actions that are not continuous ({space}): only a Box is supported."
-        )
-    if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
-        raise MorlaxError(f"{name} has actions without bounds: give its Box a low and a high.")
-    rewards = one.get_wrapper_attr("reward_space") if one.has_wrapper_attr("reward_space") else None
-    if not isinstance(rewards, Box) or len(rewards.shape) != 1 or rewards.shape[0] < 2:
-        raise MorlaxError(
-            f"{name} has no vector reward (a reward_space of two numbers or more), so there is "
-            "nothing to trade off."
-        )
+    actions = getattr(one, "action_space", None)
     seen = getattr(one, "observation_space", None)
-    if not isinstance(seen, Space) or not seen.is_np_flattenable:
-        raise MorlaxError(
-            f"{name} has observations without a fixed size ({seen}): spaces such as Box, Discrete "
-            "or a Dict of them are supported, Sequence and Graph are not."
-        )
-    if not gymnasium.spaces.flatdim(seen):
-        raise MorlaxError(f"{name} has empty observations ({seen}): there is nothing to act on.")
+    rewards = one.get_wrapper_attr("reward_space") if one.has_wrapper_attr("reward_space") else None
+    reason = ""
+    if not isinstance(actions, Box) or not np.prod(actions.shape):
+        reason = f"actions that are not continuous ({actions}): only a Box is supported"
+    elif not actions.is_bounded():
+        reason = "actions without bounds: give its Box a low and a high"
+    elif not isinstance(rewards, Box) or len(rewards.shape) != 1 or rewards.shape[0] < 2:
+        vector = "vector reward (a reward_space of two numbers or more)"
+        reason = f"no {vector}, so there is nothing to trade off"
+    elif not isinstance(seen, Space) or not seen.is_np_flattenable:
+        supported = "spaces such as Box, Discrete or a Dict of them are supported"
+        reason = f"observations without a fixed size ({seen}): {supported}"
+    elif not gymnasium.spaces.flatdim(seen):
+        reason = f"empty observations ({seen}): there is nothing to act on"
+    if reason:
+        raise MorlaxError(f"{name} has {reason}.")
     time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
     terms = [f"reward_{i}" for i in range(rewards.shape[0])]
     least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
@@ -76,9 +72,9 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
         "Options": Options,
         "make_one": staticmethod(make),
         "name": name,
-        "box": space,
+        "box": actions,
         "reward_terms": tuple(terms),
-        "action_size": int(np.prod(space.shape)),
+        "action_size": int(np.prod(actions.shape)),
         "observation_size": gymnasium.spaces.flatdim(seen),
     }
     return type("GymnasiumWorlds", (GymnasiumWorlds,), members)
@@ -97,19 +93,12 @@ def from_id(name: str) -> type["GymnasiumWorlds"]:
                 f"{GYMNASIUM}MODULE:{identity}, or pip install mo-gymnasium."
             ) from None
     make = partial(gymnasium.make, identity, disable_env_checker=True)  # rewards are vectors
-    try:
+    with user_code(f"Gymnasium cannot make {identity!r}"):
         return from_gymnasium(make, name)
-    except MorlaxError:
-        raise
-    except (Exception, SystemExit) as error:  # any error of the user's own code
-        raise MorlaxError(f"Gymnasium cannot make {identity!r}: {words(error)}") from None
 
 
 class GymnasiumWorlds(ForeignWorlds):
     """N environments, stepped one after the other; `from_gymnasium` makes such classes.
-
-    A world whose action, observation or reward is not finite in float32 terminates with zero
-    reward.
 
     Raises:
         MorlaxError: an environment fails, or returns values that do not fit its spaces.
@@ -129,7 +118,8 @@ class GymnasiumWorlds(ForeignWorlds):
 
     def _open(self, seed: int) -> None:
         self._episodes = list(range(self.num_worlds))
-        self._envs = [self._call(self.make_one, "its constructor") for _ in self._episodes]
+        with self._explained("its constructor"):
+            self._envs = [self.make_one() for _ in self._episodes]
         self._space = self._envs[0].observation_space
         dt = getattr(self._envs[0].unwrapped, "dt", None)  # MuJoCo's environments have it
         if isinstance(dt, float) and dt > 0:
@@ -147,9 +137,8 @@ class GymnasiumWorlds(ForeignWorlds):
         for world in which.nonzero().squeeze(1).tolist():
             env, seed = self._envs[world], self._seeds[world]
             self._seeds[world] = None  # later resets continue its random draws
-            answer = self._call(partial(env.reset, seed=seed), "reset()", env)
-            with self._fitting("reset() must return (observation, info)"):
-                observation, _ = answer
+            with self._explained("reset() -> (observation, info)", env):
+                observation, _ = env.reset(seed=seed)
                 self._observation[world] = self._flat(observation)
                 if not (abs(self._observation[world]) <= LARGEST).all():
                     raise ValueError("an observation is not finite in float32")
@@ -163,11 +152,10 @@ class GymnasiumWorlds(ForeignWorlds):
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
         failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
         running = ~self._over.any(0) & action.isfinite().all(1)
-        rule = "step() must return (observation, reward, terminated, truncated, info)"
+        label = "step() -> (observation, reward, terminated, truncated, info)"
         for world in running.nonzero().squeeze(1).tolist():
-            env = self._envs[world]
-            answer = self._call(partial(env.step, controls[world]), "step()", env)
-            with self._fitting(rule):
+            with self._explained(label, self._envs[world]):
+                answer = self._envs[world].step(controls[world])
                 observation, reward, terminated, truncated, _ = answer
                 rewards[world] = _shaped("a reward", reward, rewards[world].shape)
                 self._observation[world] = self._flat(observation)
@@ -182,34 +170,18 @@ class GymnasiumWorlds(ForeignWorlds):
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self._episodes = episodes.tolist()
 
-    def _call(self, run: Callable[[], Any], label: str, env: gymnasium.Env | None = None) -> Any:
-        """Call a function of an environment; name the line of its class if it fails."""
-        try:
-            return run()
-        except (MorlaxError, MemoryError):
-            raise
-        except (Exception, SystemExit) as error:  # any error of the user's own code
-            module = sys.modules.get(type(env and env.unwrapped).__module__)
-            cause = located(error, getattr(module, "__file__", None))
-            raise MorlaxError(f"{self.name}: {label} fails: {cause}") from error
-
-    @contextmanager
-    def _fitting(self, rule: str) -> Iterator[None]:
-        try:
-            yield
-        except Exception as error:  # each space fails in its own way
-            space = " ".join(str(self._space).split())
-            raise MorlaxError(
-                f"{self.name}: {rule} that fit its spaces, with observations in {space}: "
-                f"{words(error)}."
-            ) from None
+    def _explained(self, label: str, env: gymnasium.Env | None = None) -> Any:
+        """Name an environment's method that fails, or whose answer does not fit, and its line."""
+        module = sys.modules.get(type(env and env.unwrapped).__module__)
+        return user_code(f"{self.name}: {label} fails", getattr(module, "__file__", None))
 
     def _flat(self, observation: Any) -> NDArray[np.float64]:
-        if isinstance(self._space, Box):
-            return _shaped("an observation", observation, self._space.shape).reshape(-1)
-        with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
-            flat = gymnasium.spaces.flatten(self._space, observation)
-        return _shaped("an observation", flat, (self.observation_size,))
+        shape = self._space.shape
+        if not isinstance(self._space, Box):
+            shape = (self.observation_size,)
+            with np.errstate(over="ignore"):  # infinite numbers are the caller's to judge
+                observation = gymnasium.spaces.flatten(self._space, observation)
+        return _shaped("an observation", observation, shape).reshape(-1)
 
 
 def _shaped(what: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -7,12 +7,12 @@ import warnings
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import import_module
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, shortened, unknown
+from ..errors import MorlaxError, shortened, unknown, user_code
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome, imported, require
 
@@ -28,13 +28,12 @@ Value = bool | int | float | str | list[float]
 class PlaygroundOptions(ObjectiveOptions):
     """The options of every task of Playground."""
 
+    training_only = {**ObjectiveOptions.training_only, "stagger": False}
+
     overrides: dict[str, Value] = {}
     """Changes to the task's own config by key, such as reward_config.scales.energy: -0.01."""
     stagger: bool = True
     """Start first episodes at random ages, so that time limits do not coincide."""
-
-    def for_evaluation(self) -> Self:
-        return super().for_evaluation().model_copy(update={"stagger": False})
 
 
 @cache
@@ -97,11 +96,8 @@ class PlaygroundWorlds(ForeignWorlds):
         return self._first.clone()  # JAX's memory is constant
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
-        """Restart worlds at starts that were prepared in advance.
-
-        A reset of one world costs as much as one of all, and in some tasks as much as 200 steps. So
-        all worlds get a start in advance, and all get another when one world needs its second.
-        """
+        # A reset of one world costs as much as one of all, in some tasks as much as 200 steps. So
+        # all worlds get a start in advance, and all get another when one world needs its second.
         if (which & self._used).any():
             self._draw()
         self._state = self._task.replace(self._to_jax(which), self._starts, self._state)
@@ -137,27 +133,19 @@ def _shared(name: str, overrides: str) -> "Functions":
 
 
 class Functions:
-    """The environment of a task, without Playground's own restarts and time limit.
-
-    A state is Playground's, of N worlds; every array is JAX's. `reset`, `step` and `replace` are
-    compiled when they first meet a number of worlds.
-    """
+    """A task's environment without its own restarts; JAX compiles it for each number of worlds."""
 
     def __init__(self, name: str, cfg: Any):
         self.jax = jax = import_module("jax")
-        try:
-            with warnings.catch_warnings(action="ignore"):
+        with user_code(f"Playground cannot make {name}"), warnings.catch_warnings(action="ignore"):
+            try:
                 self._env = env = registry().load(name.rpartition(":")[2], config=cfg)
                 _quiet(env)
                 start = jax.eval_shape(env.reset, jax.random.PRNGKey(0))
                 jax.eval_shape(env.step, start, jax.numpy.zeros(env.action_size))
-        except subprocess.CalledProcessError:
-            raise MorlaxError(
-                f"{name} needs a robot of MuJoCo Menagerie, which git could not fetch from GitHub."
-            ) from None
-        except Exception as error:  # a task may run any code
-            reason = " ".join(str(error).split())
-            raise MorlaxError(f"Playground cannot make {name}: {reason}") from error
+            except subprocess.CalledProcessError:
+                menagerie = "a robot of MuJoCo Menagerie, which git could not fetch from GitHub"
+                raise MorlaxError(f"{name} needs {menagerie}.") from None
         groups = _groups(start.obs)
         sizes = [groups[key].shape for key in (POLICY, CRITIC) if key in groups]
         if POLICY not in groups or any(len(size) != 1 for size in sizes):
@@ -200,7 +188,7 @@ class Functions:
         return self.jax.tree.map(chosen, fresh, state)
 
     def _typed(self, state: Any) -> Any:
-        """Give arrays made of Python's numbers a type, or `step` is compiled a second time."""
+        # arrays made of Python's numbers have no type, and `step` would be compiled a second time
         typed = self.jax.lax.convert_element_type
         return self.jax.tree.map(lambda part: typed(part, part.dtype), state)
 

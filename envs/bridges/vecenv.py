@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..devices import drawing_from
-from ..errors import MorlaxError, words
+from ..errors import MorlaxError, user_code
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome
 
@@ -67,10 +67,7 @@ def from_vecenv(
 
 
 class VecEnvWorlds(ForeignWorlds):
-    """N worlds of a vectorized environment; `from_vecenv` makes such classes.
-
-    They restart by themselves, and do not show how an episode ended.
-    """
+    """N worlds of a vectorized environment; `from_vecenv` makes such classes."""
 
     make_env: Any
     read_terms: Any
@@ -81,13 +78,9 @@ class VecEnvWorlds(ForeignWorlds):
 
     def _open(self, seed: int) -> None:
         with drawing_from(self.generator):
-            try:
+            advice = "if it may build one environment only, let it return the same one again"
+            with user_code(f"make_env fails; {advice}, since evaluations need it too"):
                 self.env = self.make_env(self.num_worlds, self.device, seed)
-            except Exception as error:  # any error of the user's own code
-                raise MorlaxError(
-                    f"make_env fails: {words(error)}. If it may build one environment only, let it "
-                    "return the same environment again: evaluations need it too."
-                ) from None
             worlds, device = self.env.num_envs, torch.device(self.env.device)
             enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
             if device.type != self.device.type or not enough:

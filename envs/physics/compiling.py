@@ -73,10 +73,7 @@ def _is_cached(variant: Variant) -> bool:
 
 
 def _compile(variants: list[Variant], taken: Any) -> None:
-    """Compile variants that no other process has taken, in this forked process, and end it.
-
-    CUDA does not work in a forked process, and compiling does not need it.
-    """
+    """Compile variants that no other process has taken, without CUDA, and end this process."""
     silent = os.open(os.devnull, os.O_RDWR)
     for standard in range(3):
         os.dup2(silent, standard)

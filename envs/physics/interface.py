@@ -41,6 +41,8 @@ def explained(simulator: str, errors: tuple[type[Exception], ...] = REFUSALS) ->
     try:
         yield
     except errors as error:
+        if "bad_alloc" in str(error):
+            raise MemoryError from None
         reason = words(error).removeprefix("NotImplementedError: ").removeprefix("ValueError: ")
         reason = reason.rstrip(".")
         remedy = "leave this out of the MJCF, or choose the other simulator with --backend"

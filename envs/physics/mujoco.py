@@ -109,12 +109,7 @@ class MujocoPhysics(Physics):
         self.model, self.num_worlds, self.device = model, num_worlds, torch.device("cpu")
         self.substeps = substeps
         with explained(self.name):
-            try:
-                self._batch = Batch(model, nsim=num_worlds)
-            except ValueError as error:
-                if "bad_alloc" in str(error):
-                    raise MemoryError from None
-                raise
+            self._batch = Batch(model, nsim=num_worlds)
         self._view_state(self._view)
         nothing = torch.zeros(num_worlds, 0, dtype=torch.float64)
         self.act = self._view("act") if model.na else nothing

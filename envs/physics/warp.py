@@ -112,13 +112,17 @@ class WarpPhysics(Physics):
                 if name in fields:
                     raise cannot_vary(self.name, name)
                 continue  # a constant that this simulator does not use
-            shared = getattr(self._model, name)
-            if len(shared) == self.num_worlds:  # in place: a recorded graph keeps its address
-                shared.assign(values)
-            else:
-                array = wp.array(values, dtype=shared.dtype, device=shared.device)
-                setattr(self._model, name, array)
+            self._of_worlds(name).assign(values)
         wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
+
+    def _of_worlds(self, name: str) -> wp.array:
+        """Return a field of the model with a row for each world: a recorded graph keeps it."""
+        array = getattr(self._model, name)
+        if len(array) != self.num_worlds:
+            shape = (self.num_worlds, *array.shape[1:])
+            array = wp.empty(shape, dtype=array.dtype, device=array.device)
+            setattr(self._model, name, array)
+        return array
 
     def keep(self, models: list[mujoco.MjModel]) -> None:
         self._kept = []
@@ -132,11 +136,8 @@ class WarpPhysics(Physics):
                     f"{self.name} cannot vary {name!r} between worlds, but designs differ in it: "
                     "change other numbers of the body."
                 )
-            shared = getattr(self._model, name)
-            rows = wp.array(values, dtype=shared.dtype, device=shared.device)
-            shape = (self.num_worlds, *shared.shape[1:])
-            array = wp.empty(shape, dtype=shared.dtype, device=shared.device)
-            setattr(self._model, name, array)
+            array = self._of_worlds(name)
+            rows = wp.array(values, dtype=array.dtype, device=array.device)
             self._kept.append((wp.to_torch(rows), wp.to_torch(array)))
         wp.synchronize_device(str(self.device))  # torch's stream does not wait for Warp's
         self.choose(torch.zeros(self.num_worlds, dtype=torch.int64, device=self.device))

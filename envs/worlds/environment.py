@@ -266,7 +266,7 @@ class Environment(Robot):
             for qpos, model in zip(bank.starts, bank.models, strict=True)
             for start in around(qpos, noise, model, self._seed, STARTS_OF_BODY)
         ]
-        self.starts = Starts(starts, physics, self.embodied, len(bank.models))
+        self.starts = Starts(starts, physics, self.embodied)
         physics.choose(self.embodied)
         self.reset()
 
@@ -286,18 +286,17 @@ class Environment(Robot):
             self.age.random_(0, self.episode_length, generator=self.generator)
         if self._noise:
             self._noise.draw()
-        return self.critic_observation()[:, : self.observation_size]
+        return self._policy(self.critic_observation())
 
     def restart(self, which: Tensor) -> Tensor:
         checks.mask(self, which)
         self._restart(which)
-        return self.critic_observation()[:, : self.observation_size]
+        return self._policy(self.critic_observation())
 
     def move_only(self, which: Tensor) -> None:
         self.physics.move_only(which)
 
     def step(self, action: Tensor) -> TimeStep:
-        checks.action(self, action)
         self.apply(self._delay(action) if self._delay else action)
         if self._pushes:
             self._pushes()
@@ -322,10 +321,9 @@ class Environment(Robot):
         else:
             self._remember()
             seen = final_seen
-        observation, final_observation = (x[:, : self.observation_size] for x in (seen, final_seen))
         by_name = dict(zip(named, terms.unbind(-1), strict=True))
-        ends = terminated, truncated, final_observation
-        return TimeStep(observation, reward, *ends, by_name, seen, final_seen, blown_up)
+        ends = terminated, truncated, self._policy(final_seen)
+        return TimeStep(self._policy(seen), reward, *ends, by_name, seen, final_seen, blown_up)
 
     def critic_observation(self) -> Tensor:
         observation, privileged = self.observe(), self.privileged()
@@ -355,11 +353,11 @@ class Environment(Robot):
     def state_dict(self) -> dict[str, Any]:
         saved = self._state()
         self._unsaved.warn(saved.values())
-        tensors = {name: value.clone() for name, value in saved.items()}
         for name, (values, initial) in self.physics.parts.items():
-            tensors[name] = tensors[name].to(self.physics.qpos)  # in Warp, eq_active is boolean
+            saved[name] = values.to(self.physics.qpos)  # in Warp, eq_active is boolean
             if torch.equal(values, initial.expand_as(values)):
-                del tensors[name]  # few robots change most parts
+                del saved[name]  # few robots change most parts
+        tensors = {name: value.clone() for name, value in saved.items()}
         return {**tensors, "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -371,9 +369,7 @@ class Environment(Robot):
                 MorlaxWarning,
                 stacklevel=2,
             )
-        zero = torch.zeros((), dtype=torch.float32)
-        values = {"act": zero, "ctrl": zero}
-        values |= {name: start for name, (_, start) in self.physics.parts.items()}
+        values: dict[str, Any] = {name: start for name, (_, start) in self.physics.parts.items()}
         values |= {f"state.{name}": value for name, value in self._initial.items()}
         values |= state
         saved = self._state()

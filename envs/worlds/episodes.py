@@ -36,26 +36,21 @@ class Starts:
     """B initial states with their sensor readings; B = 1 if every episode starts alike.
 
     One forward pass here computes the sensor readings, so that no reset needs one. If worlds
-    differ in their `number` of bodies, (N,) int64, `starts` has as many of one after the other.
+    differ in their `bodies`, (N,) int64, `starts` has as many of one after the other.
     """
 
-    def __init__(
-        self,
-        starts: Iterable[Start],
-        physics: Physics,
-        bodies: Tensor | None = None,
-        number: int = 1,
-    ):
+    def __init__(self, starts: Iterable[Start], physics: Physics, bodies: Tensor | None = None):
         data = mujoco.MjData(physics.model)
-        rows = []
+        rows, models = [], []
         for qpos, qvel, ctrl, model in starts:
+            models.append(model)
             data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, ctrl
             mujoco.mj_forward(model or physics.model, data)
             rows.append([x.copy() for x in (data.qpos, data.qvel, data.ctrl, data.sensordata)])
         columns = (np.stack(column) for column in zip(*rows, strict=True))
         self.states = [torch.from_numpy(column).to(physics.qpos) for column in columns]
         self.rows = torch.zeros(physics.num_worlds, dtype=torch.int64, device=physics.device)
-        self._bodies, self._each = bodies, len(rows) // number
+        self._bodies, self._each = bodies, sum(model is models[0] for model in models)
 
     def draw(self, draws: Draws) -> list[Tensor]:
         """Draw a row for each world; returns rows (N,), and qpos, qvel, ctrl, sensors (B, ...)."""

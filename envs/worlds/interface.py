@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, unknown
+from . import checks
 from .design_space import DesignParameter
 from .mirror import Mirror
 from .options import ObjectiveOptions
@@ -71,8 +72,8 @@ class Worlds(ABC):
             @wraps(step)
             @torch.no_grad()  # worlds would keep the graph of the actions for ever
             def stepped(self: Any, action: Tensor) -> TimeStep:
-                tracked = isinstance(action, Tensor) and action.requires_grad
-                return step(self, action.detach() if tracked else action)
+                checks.action(self, action)
+                return step(self, action.detach())
 
             cls.step = stepped
 
@@ -149,6 +150,10 @@ class Worlds(ABC):
             "network.symmetric needs worlds that know left from right, and these do not: set it to "
             "false, or override `mirror` in the task."
         )
+
+    def _policy(self, seen: Tensor) -> Tensor:
+        """Return what policies see (N, O) of what critics see, (N, O + P)."""
+        return seen[:, : self.observation_size]
 
     def overflow(self) -> Tensor:
         """Return (N,) int32, non-zero where the simulator's buffers overflowed."""

@@ -1,16 +1,14 @@
 """Left and right: how a robot's numbers change when it is seen in a mirror, and whether they do.
 
 The mirror flips y: a position or velocity (x, y, z) becomes (x, -y, z), and an axial vector, such
-as the axis of a rotation, (-x, y, -z).
-
-`check` compares the numbers of a model, which tell how joints and motors are mirrored, and its
-accelerations. `find_mirror` also simulates the robot beside its mirror image: what both observe
-tells how observations are mirrored, so that tasks need not declare it.
+as the axis of a rotation, (-x, y, -z). `check` compares a model's numbers and accelerations.
+`find_mirror` also simulates the robot beside its image, which tells how observations are mirrored.
 """
 
 import copy
 import re
 from collections.abc import Iterable, Sequence
+from itertools import accumulate
 from typing import Any, NamedTuple, Self
 
 import mujoco
@@ -68,12 +66,10 @@ class Reflection(NamedTuple):
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
         """Join the reflections of features in a row."""
-        orders, signs, start = [], [], 0
-        for part in parts:
-            orders.append(part.order + start)
-            signs.append(part.sign)
-            start += len(part.order)
-        return cls(torch.cat(orders), torch.cat(signs))
+        orders, signs = zip(*parts, strict=True)
+        starts = accumulate(map(len, orders), initial=0)
+        moved = [order + start for order, start in zip(orders, starts, strict=False)]
+        return cls(torch.cat(moved), torch.cat(signs))
 
     def first(self, size: int) -> Self:
         """Return the reflection of the first features alone."""
@@ -116,9 +112,8 @@ def check(model: mujoco.MjModel, tolerance: float = 0.0, *, scene: bool = True) 
     only rounding. `scene`: whether to compare geoms that cannot move, too.
     """
     motion = _motion(model)
-    shares = _Comparison(model, motion, scene).shares
+    shares = sorted(_Comparison(model, motion, scene).shares, key=lambda each: -each[0])
     if differences := [each for each in shares if each[0] > tolerance]:
-        differences.sort(key=lambda each: -each[0])
         words = "; ".join(words for _, words in differences[:NAMED])
         words += f"; and {len(differences) - NAMED} more" if len(differences) > NAMED else ""
         most = np.ceil(differences[0][0] * 1000) / 1000
@@ -217,19 +212,16 @@ class _Comparison:
     def _compare(
         self, field: str, pairs: Pairs, values: Array, mirrored: Array, scale: Any = None
     ) -> None:
-        """Compare values (all, c) of things with the mirrored ones of their partners, (all, c).
-
-        Rounding is relative to `scale`, (all, 1) or a number, if values are smaller, and
-        differences are shares of its largest number: by default of the largest one in a column.
-        """
+        """Compare values (all, c) of things with the mirrored ones of their partners, (all, c)."""
+        # Differences are shares of the largest number of the scale, (all, 1), or of a column.
         kind, rows, images = pairs
         if not len(rows):
             return
         here = values.reshape(len(values), -1)[rows].astype(float)
         image = mirrored.reshape(len(mirrored), -1)[images].astype(float)
         apart, sizes = abs(here - image), np.maximum(abs(here), abs(image))
+        largest = sizes.max(0)
         if scale is None:
-            largest = sizes.max(0)
             scale = SMALLEST * largest
         else:
             scale = np.broadcast_to(scale, (len(values), 1))[rows]
@@ -386,10 +378,7 @@ def _check_accelerations(model: mujoco.MjModel, motion: Motion, tolerance: float
 
 
 def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
-    """Return the mirror of a robot, which `network.symmetric` needs.
-
-    `worlds`: 2 * PAIRS worlds of an `Environment` in C MuJoCo, all alike, without automatic resets.
-    """
+    """Return the mirror of a robot in 2 * PAIRS worlds, alike, of C MuJoCo, without resets."""
     physics, generator = worlds.physics, torch.Generator().manual_seed(0)
     motion = check(physics.model, tolerance)
     if worlds.action_size != len(motion.motors.order):
@@ -427,10 +416,7 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
 
 
 def _far(apart: Tensor, size: Tensor, limit: float) -> Tensor:
-    """Return (c,) bool: whether differences (n, c) are in the mean a larger share of `size` (c,).
-
-    If EXACT is the limit, few of them may be more than USUAL.
-    """
+    """Return (c,) bool: whether the mean of differences (n, c) exceeds a share of `size` (c,)."""
     far = apart.mean(0) > limit * size + TINY
     return far | (apart.median(0).values > USUAL * size + TINY) if limit == EXACT else far
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -85,6 +85,8 @@ Steps = Annotated[tuple[Delay, Delay], AfterValidator(_ordered)]
 class ObjectiveOptions(Section):
     """The options of every task."""
 
+    training_only: ClassVar[dict[str, Any]] = {"guide": {}}  # options, with values to evaluate with
+
     objectives: Objectives
     """The objectives to trade off; each is a weighted sum of reward terms."""
     shared: dict[str, float] = {}
@@ -99,7 +101,7 @@ class ObjectiveOptions(Section):
 
     def for_evaluation(self) -> Self:
         """Return the options to evaluate and show policies under, without those for training."""
-        return self.model_copy(update={"guide": {}})
+        return self.model_copy(update=self.training_only)
 
     @field_validator("objectives")
     @classmethod
@@ -150,6 +152,8 @@ class Randomization(Section):
 class TaskOptions(ObjectiveOptions):
     """The options of every MuJoCo robot; a task sets its own defaults and may add options."""
 
+    training_only = {**ObjectiveOptions.training_only, "stagger": False}
+
     reset_noise: NonNegativeFloat = 0.0
     """Spread of the initial state: uniform on positions (m, rad), normal on velocities."""
     stagger: bool = False
@@ -166,9 +170,6 @@ class TaskOptions(ObjectiveOptions):
     """Values of the robot's design parameters, by name (docs/designs.md); others keep defaults."""
     learned: OwnFile | None = None
     """File of a learned reward, which adds the reward term `learned` (docs/choose.md)."""
-
-    def for_evaluation(self) -> Self:
-        return super().for_evaluation().model_copy(update={"stagger": False})
 
     @property
     def varies(self) -> bool:

@@ -13,10 +13,7 @@ POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROME
 
 
 def mirror_of(env: Any, groups: Sequence[str], tolerance: float = 0.0) -> Mirror:
-    """Return the mirror of an environment of mjlab whose policies and critics see `groups`.
-
-    Numbers of left and right may differ by the tolerance, see `check`.
-    """
+    """Return the mirror of mjlab's worlds that see `groups`; for the tolerance, see `check`."""
     terms, manager, parts = _Terms(env, tolerance), env.observation_manager, []
     for group in groups:
         for term in manager.active_terms[group]:

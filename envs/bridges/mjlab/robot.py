@@ -164,19 +164,16 @@ class MjlabRobot(MjlabWorlds, Robot):
 
 
 def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
-    """Return the gains (N m/rad, N m s/rad) and the largest torque of a joint's motor.
-
-    Gains are None unless one actuator of the model drives the joint to a position. The torque is
-    None if nothing limits it.
-    """
+    """Return gains (N m/rad, N m s/rad) of a joint's position servo, and its largest torque."""
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     driven = model.actuator_trnid[:, 0] == model.joint(joint).id
     indices = (of_joint & driven).nonzero()[0]
+    row: dict[str, float | None] = {"stiffness": None, "damping": None, "torque": None}
     if len(indices) != 1:
-        return {"stiffness": None, "damping": None, "torque": None}
+        return row
     (index,) = indices
-    limited, most = model.actuator_forcelimited[index], model.actuator_forcerange[index, 1]
-    row = {"stiffness": None, "damping": None, "torque": float(most) if limited else None}
+    if model.actuator_forcelimited[index]:
+        row["torque"] = float(model.actuator_forcerange[index, 1])
     gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
     if (
         model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
@@ -194,19 +191,15 @@ def _clip(terms: list[Any]) -> list[list[float]] | None:
     """Return the limits of each target, after scale and offset; None if no target is limited."""
     if all(term.cfg.clip is None for term in terms):
         return None
-    free = [-float("inf"), float("inf")]
-    return [
-        row
-        for term in terms
-        for row in ([free] * term.action_dim if term.cfg.clip is None else term._clip[0].tolist())
-    ]
+    rows: list[list[float]] = []
+    for term in terms:
+        free = [[-float("inf"), float("inf")]] * term.action_dim
+        rows += free if term.cfg.clip is None else term._clip[0].tolist()
+    return rows
 
 
 def _zipped(env: Any) -> bytes | None:
-    """Return a zip of the scene's XML, with the options of the simulation, and of its files.
-
-    None if MuJoCo cannot write the scene as XML, such as generated terrain.
-    """
+    """Return a zip of the scene's XML and files; None if MuJoCo cannot write it as XML."""
     spec = env.scene.spec.copy()
     env.cfg.sim.mujoco.apply(SimpleNamespace(opt=spec.option))
     try:

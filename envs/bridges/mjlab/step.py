@@ -6,6 +6,7 @@ has the same distribution. mjlab's logs and metrics are left out.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import mujoco_warp
@@ -13,6 +14,8 @@ import torch
 import warp as wp
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
+
+from ...worlds.episodes import refill
 
 EVENTS = ("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting_velocity")
 COMMAND = "UniformVelocityCommand"
@@ -87,7 +90,7 @@ class MaskedStep:
         for term, left in self._intervals():
             left -= self.env.step_dt
             due = left < 1e-6
-            _keep(left, due, torch.empty_like(left).uniform_(*term.interval_range_s))
+            refill(due, torch.empty_like(left).uniform_(*term.interval_range_s), left)
             self._masked(due, lambda term=term: self._run(term))
 
     def _intervals(self) -> Iterator[tuple[Any, Tensor]]:
@@ -115,7 +118,7 @@ class MaskedStep:
 
         self._masked(over, restart)
         for term, left in self._intervals():
-            _keep(left, over, torch.empty_like(left).uniform_(*term.interval_range_s))
+            refill(over, torch.empty_like(left).uniform_(*term.interval_range_s), left)
         for twist in self.twists:
             _draw(twist, over)
         env.scene.write_data_to_sim()
@@ -132,14 +135,11 @@ class MaskedStep:
         before = [value.clone() for value in state]
         run()
         for value, old in zip(state, before, strict=True):
-            value.copy_(torch.where(_beside(mask, value), value, old))
+            refill(~mask, old, value)
 
 
 class Constants(TorchFunctionMode):
-    """Keeps the tensors that mjlab makes of numbers, since a recording cannot copy these to a GPU.
-
-    They are those of `torch.tensor`, and lists of indices.
-    """
+    """Keeps tensors of numbers and indices, since a recording cannot copy these to a GPU."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -162,9 +162,8 @@ class Constants(TorchFunctionMode):
         return func(*args, **kwargs)
 
     def _there(self, index: Any, device: torch.device) -> Any:
-        if not isinstance(index, list):
-            return index
-        return self._keep((*index, device), lambda: torch.tensor(index, device=device))
+        make = partial(torch.tensor, index, device=device)
+        return self._keep((*index, device), make) if isinstance(index, list) else index
 
     def _keep(self, key: tuple[Any, ...], make: Callable[[], Tensor]) -> Tensor:
         if key not in self._kept:
@@ -179,19 +178,19 @@ def _draw(twist: Any, mask: Tensor) -> None:
     def drawn(low: float, high: float) -> Tensor:
         return torch.empty_like(twist.time_left).uniform_(low, high)
 
-    _keep(twist.time_left, mask, drawn(*cfg.resampling_time_range))
+    refill(mask, drawn(*cfg.resampling_time_range), twist.time_left)
     each = (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)
     wish = torch.stack([drawn(*limits) for limits in each], 1)
     if cfg.heading_command:
-        _keep(twist.heading_target, mask, drawn(*ranges.heading))
-        _keep(twist.is_heading_env, mask, drawn(0, 1) <= cfg.rel_heading_envs)
-    _keep(twist.is_standing_env, mask, drawn(0, 1) <= cfg.rel_standing_envs)
-    _keep(twist.is_world_env, mask, drawn(0, 1) <= cfg.rel_world_envs)
-    _keep(twist.is_forward_env, mask, drawn(0, 1) <= cfg.rel_forward_envs)
-    _keep(twist.vel_command_w, mask, wish)
+        refill(mask, drawn(*ranges.heading), twist.heading_target)
+        refill(mask, drawn(0, 1) <= cfg.rel_heading_envs, twist.is_heading_env)
+    refill(mask, drawn(0, 1) <= cfg.rel_standing_envs, twist.is_standing_env)
+    refill(mask, drawn(0, 1) <= cfg.rel_world_envs, twist.is_world_env)
+    refill(mask, drawn(0, 1) <= cfg.rel_forward_envs, twist.is_forward_env)
+    refill(mask, wish, twist.vel_command_w)
     ahead = torch.zeros_like(wish)
     ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
-    _keep(twist.vel_command_b, mask, torch.where(twist.is_forward_env[:, None], ahead, wish))
+    refill(mask, torch.where(twist.is_forward_env[:, None], ahead, wish), twist.vel_command_b)
 
 
 def _pass_time(twist: Any, dt: Tensor) -> None:
@@ -204,11 +203,11 @@ def _pass_time(twist: Any, dt: Tensor) -> None:
         error = twist.heading_target - heading
         twist.heading_error = torch.atan2(error.sin(), error.cos())
         turn = (cfg.heading_control_stiffness * twist.heading_error).clamp(*cfg.ranges.ang_vel_z)
-        _keep(command[:, 2], twist.is_heading_env, turn)
+        refill(twist.is_heading_env, turn, command[:, 2])
     x, y = twist.vel_command_w[:, :2].unbind(1)
     cos, sin = heading.cos(), heading.sin()
     turned = torch.stack([cos * x + sin * y, cos * y - sin * x], 1)
-    _keep(command[:, :2], twist.is_world_env, turned)
+    refill(twist.is_world_env, turned, command[:, :2])
     for kept in (command, twist.vel_command_w):
         kept.masked_fill_(twist.is_standing_env[:, None], 0.0)
 
@@ -230,25 +229,14 @@ def supported(cfg: Any) -> bool:
 
 
 def _yaw(frames: Tensor) -> Tensor:
-    """Return rotations (B, 3, 3) around z, as far as frames (B, 3, 3) are turned.
-
-    A frame whose x axis is upright is turned as far as its y axis.
-    """
+    """Return rotations (B, 3, 3) around z, as far as the x axes of frames (B, 3, 3) are turned."""
+    # where the x axis is upright, the y axis counts
     x, (left, right) = frames[:, :2, 0], frames[:, :2, 1].unbind(1)
     upright = x.norm(dim=1, keepdim=True) < 0.1
     ahead = torch.nn.functional.normalize(torch.where(upright, torch.stack([right, -left], 1), x))
     cos, sin = ahead.unbind(1)
     zero, one = torch.zeros_like(cos), torch.ones_like(cos)
     return torch.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], 1).view(-1, 3, 3)
-
-
-def _keep(target: Tensor, mask: Tensor, value: Tensor) -> None:
-    """Put `value` (N, ...) into `target` where the mask (N,) is true."""
-    target.copy_(torch.where(_beside(mask, target), value, target))
-
-
-def _beside(mask: Tensor, value: Tensor) -> Tensor:
-    return mask.view(-1, *[1] * (value.ndim - 1))
 
 
 def _terms(manager: Any, mode: str) -> list[Any]:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -46,6 +46,8 @@ _rehearsed: set[str] = set()
 class MjlabOptions(ObjectiveOptions):
     """The options of every mjlab task. Reward terms keep mjlab's weight and time step."""
 
+    training_only = {**ObjectiveOptions.training_only, "curriculum": False, "stagger": False}
+
     action_scale: PositiveFloat = 1.0
     """Factor on actions in [-1, 1]: those of mjlab have no bounds."""
     commands: dict[str, tuple[float, float]] = {}
@@ -56,10 +58,6 @@ class MjlabOptions(ObjectiveOptions):
     """Make the task harder while training goes on, as mjlab does."""
     stagger: bool = True
     """Start first episodes at random ages, so that time limits do not coincide."""
-
-    def for_evaluation(self) -> Self:
-        training_only = {"curriculum": False, "stagger": False}
-        return super().for_evaluation().model_copy(update=training_only)
 
 
 @cache
@@ -223,11 +221,7 @@ class SharedDraws(TorchDispatchMode):
 
 
 def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
-    """Return mjlab's environment. It draws from torch's global generators.
-
-    `config` returns mjlab's config anew, which each environment changes. A task's kernels are
-    compiled once in a process.
-    """
+    """Return mjlab's environment of a new config, with its kernels compiled on the CPU."""
     environment = import_module("mjlab.envs").ManagerBasedRlEnv
 
     def rehearse() -> None:
