@@ -58,6 +58,7 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
         reason = f"empty observations ({seen}): there is nothing to act on"
     if reason:
         raise MorlaxError(f"{name} has {reason}.")
+    assert isinstance(actions, Box) and isinstance(rewards, Box)
     time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
     terms = [f"reward_{i}" for i in range(rewards.shape[0])]
     least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
