@@ -23,8 +23,8 @@ _SORTS = ("array_scan", "radix_sort_pairs", "segmented_sort_pairs")
 
 Variant = tuple[wp.Module, str, int]  # Warp compiles at once: a module, a device, a block's size
 _fork = get_context("fork" if sys.platform == "linux" else None)
-_started: set[Variant] = set()
-_running: list[Any] = []
+_started: set[tuple[str, str]] = set()  # names of compiled modules, for a device
+_running: list[tuple[Any, Any]] = []  # processes, and their counters, whose memory is else reused
 
 
 def start(run: Callable[[], object]) -> None:
@@ -36,13 +36,12 @@ def start(run: Callable[[], object]) -> None:
     """
     if sys.platform != "linux":
         return
-    needed: set[Variant] = set()
+    needed: dict[Variant, None] = {}
     missing: list[Variant] = []
     with suppress(Exception), _no_launches(needed):
         run()
     with suppress(Exception):
-        missing = [variant for variant in needed - _started if not _is_cached(variant)]
-    _started.update(missing)
+        missing = [variant for variant in needed if _is_missing(variant)]
     missing.sort(key=lambda each: -len(each[0].kernels))  # the slowest first
     taken = _fork.Value("i", 0)
     # Python warns if there are threads; without memory for a process, there are fewer of them, and
@@ -51,25 +50,30 @@ def start(run: Callable[[], object]) -> None:
         for _ in range(min(len(os.sched_getaffinity(0)), MOST_PROCESSES, len(missing))):
             process = _fork.Process(target=_compile, args=(missing, taken), daemon=True)
             process.start()
-            _running.append(process)
+            _running.append((process, taken))
 
 
 def finish() -> None:
     """Wait for the background processes."""
     try:
-        for process in _running:
+        for process, _ in _running:
             process.join(MOST_SECONDS)
     finally:
         while _running:
-            process = _running.pop()
+            process, _ = _running.pop()
             process.kill()
             process.join()
 
 
-def _is_cached(variant: Variant) -> bool:
+def _is_missing(variant: Variant) -> bool:
+    """Return whether a variant is neither in Warp's cache nor being compiled."""
     module, device, block = variant
+    name = module.get_module_identifier(block)  # which several sizes of blocks may share
+    if (name, device) in _started:
+        return False
+    _started.add((name, device))
     file = module._get_compile_output_name(wp.get_device(device), block_dim=block)
-    return Path(str(wp.config.kernel_cache_dir), module.get_module_identifier(block), file).exists()
+    return not Path(str(wp.config.kernel_cache_dir), name, file).exists()
 
 
 def _compile(variants: list[Variant], taken: Any) -> None:
@@ -89,13 +93,13 @@ def _compile(variants: list[Variant], taken: Any) -> None:
 
 
 @contextmanager
-def _no_launches(needed: set[Variant]) -> Iterator[None]:
+def _no_launches(needed: dict[Variant, None]) -> Iterator[None]:
     """Add to `needed` the kernels that this thread would load, instead of launching them."""
     thread = threading.get_ident()  # others may launch kernels meanwhile
 
     def load(module: wp.Module, device: Any, block_dim: int | None = None) -> None:
         block = module.options["block_dim"] if block_dim is None else block_dim
-        needed.add((module, str(device), block))  # nothing is loaded: no launch
+        needed[module, str(device), block] = None  # nothing is loaded: no launch
 
     def loop(condition: object, while_body: Callable, stream: object = None, **named: Any) -> None:
         while_body(**named)  # once: the condition would never change
