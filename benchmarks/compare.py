@@ -1,139 +1,280 @@
-"""Compare methods: train tasks x methods x seeds, then make tables and figures.
+"""Train the methods of a plan on its tasks, on all GPUs of this machine, into one CSV file.
 
-    python benchmarks/compare.py --tasks cheetah hopper --methods methods.yaml --seconds 60
+    python benchmarks/compare.py --plan benchmarks/plans/comparison.yaml --output rows.csv
 
-methods.yaml maps the name of a method to changes of the task's config, see compare_methods.yaml.
-Every run has a folder, OUTPUT/TASK/METHOD/SEED. Killed and started again, the command trains what
-is missing. A run that crashed counts as done: remove its folder to train it again.
+A plan is a YAML file:
 
-Several GPUs take a share of the runs each, with one process per GPU:
+    tasks: [cheetah, hopper]
+    seeds: [200, 201, 202]
+    seconds: 30                   # of training, for every run
+    methods:                      # changes of each task's config
+      MORLAX: {}
+      HYPER-MORL:
+        algorithm: hyper-morl
+        tasks: {hopper: {ppo.learning_rate: 1.0e-3}}   # more changes, for one task
+    settings:                     # to search: every method is trained with each of these changes
+      default: {}
+      rate 1e-3: {ppo.learning_rate: 1.0e-3}
+    keep: 2                       # so many settings per task and method get all seeds: the best
+                                  # ones with the first seed
 
-    CUDA_VISIBLE_DEVICES=0 python benchmarks/compare.py --share 0/2 &
-    CUDA_VISIBLE_DEVICES=1 python benchmarks/compare.py --share 1/2
-
-To measure what several GPUs give, let them train every run together:
-
-    torchrun --standalone --nproc-per-node 4 benchmarks/compare.py --output four
-
-When a run ends, its best checkpoint is loaded and evaluated once more, on other episodes: that is
-what counts. Writes OUTPUT/rows.csv, one row per evaluation, OUTPUT/results.md, the tables, and
-figures: curves of the hypervolume while training, a performance profile, and interquartile means of
-what counts. To make the tables and figures
-again from rows.csv alone:
-
-    python benchmarks/compare.py --output comparison --only-report
+`settings` and `keep` may be left out. Each GPU trains one run at a time. The rows of a run are
+appended when it ends: its evaluations while `training`, and two of its best checkpoint, loaded
+anew: `best`, with the task's own starts, and `noised`, with 8 episodes per trade-off from noised
+starts. Started again, the command trains the runs that have no rows yet. A run that crashed has a
+row with its error.
 """
 
-import importlib
-import shutil
+import csv
+import math
+import os
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import torch
 import tyro
-import yaml
-from compare_jobs import FRONT, OUTCOME, Job, is_complete, plan, read_methods, shared
-from compare_report import report
-from compare_rows import gather, write_rows
-from filelock import FileLock, Timeout
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
 
-from morlax_torch import MorlaxError, load
+from morlax_torch import MorlaxError, config_for, load
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.cli import console
-from morlax_torch.envs import resolve_device
+from morlax_torch.configuration.config import Config
+from morlax_torch.configuration.files import merged, read_yaml
+from morlax_torch.evaluation.evaluator import make_evaluator
 from morlax_torch.evaluation.front import Front
-from morlax_torch.host.files import write_file
 from morlax_torch.host.resources import release_memory
-from morlax_torch.host.torchrun import FIRST, SEVERAL
+from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import evaluate
+from morlax_torch.runs.progress import Evaluation
+from morlax_torch.train import train
 
-METHODS = Path(__file__).with_name("compare_methods.yaml")
 FRESH = 1000  # seed of the episodes that count; no training or choice of a checkpoint sees them
+NOISE, EPISODES = 0.005, 8  # of noised starts, and their number per trade-off
+INDICATORS = ("expected_utility", "sparsity", "cardinality", "obedience", "fall_rate")
+KEY = ("task", "method", "setting", "seed")
+COLUMNS = (
+    *(*KEY, "card", "evaluation", "env_steps", "train_seconds", "total_seconds"),
+    *("hypervolume", *INDICATORS, "error"),
+)
+ENDING = 25.0  # seconds that a run needs at most beside its training
+
+Row = dict[str, str]
+
+
+class Job(NamedTuple):
+    """A run to train."""
+
+    task: str
+    method: str
+    setting: str
+    seed: int
+    seconds: float
+    changes: dict[str, Any]  # of the task's config
+
+    def __str__(self) -> str:
+        return ", ".join(part for part in self.key if part)
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """The values of the columns KEY."""
+        return tuple(map(str, self[: len(KEY)]))
+
+    def config(self, device: str | None = None) -> Config:
+        """Return the config of the run."""
+        limits = {"max_env_steps": None, "max_seconds": self.seconds}
+        return config_for(self.task, **limits, **self.changes, seed=self.seed, device=device)
+
+
+class Plan(BaseModel):
+    """Tasks x methods x settings x seeds, each trained for `seconds`."""
+
+    model_config = ConfigDict(extra="forbid")
+    tasks: list[str]
+    seeds: list[int]
+    seconds: PositiveFloat
+    methods: dict[str, dict[str, Any]]
+    settings: dict[str, dict[str, Any]] = {"": {}}
+    keep: PositiveInt | None = None
+
+    def jobs(self, rows: Sequence[Row], device: str | None = None) -> list[Job]:
+        """Return all runs that can be planned with these rows, seed by seed.
+
+        Further seeds of a search are planned once all settings have a row with the first one.
+        """
+        if self.keep is None:
+            return [job for seed in self.seeds for job in self._of_seed(seed, device)]
+        volumes = volumes_of(rows)
+        groups: dict[tuple[str, str], list[Job]] = {}
+        for job in (jobs := self._of_seed(self.seeds[0], device)):
+            groups.setdefault((job.task, job.method), []).append(job)
+        if not all(job.key in volumes for job in jobs):
+            return jobs
+        for seed in self.seeds[1:]:
+            for group in groups.values():
+                ranked = sorted(group, key=lambda job: volumes[job.key], reverse=True)
+                jobs += [job._replace(seed=seed) for job in ranked[: self.keep]]
+        return jobs
+
+    def _of_seed(self, seed: int, device: str | None) -> list[Job]:
+        jobs: dict[tuple[str, str], Job] = {}
+        for task, setting, method in product(self.tasks, self.settings, self.methods):
+            changes = dict(self.methods[method])
+            changes = merged(changes, changes.pop("tasks", {}).get(task, {}))
+            changes = merged(changes, self.settings[setting])
+            job = Job(task, method, setting, seed, self.seconds, changes)
+            # a setting may be what the task has anyway
+            jobs.setdefault((method, job.config(device).model_dump_json()), job)
+        return [*jobs.values()]
 
 
 def main(
-    output: Path = Path("comparison"),
-    tasks: tuple[str, ...] = ("cheetah", "hopper", "walker", "ant", "humanoid"),
-    methods: Path = METHODS,
-    seeds: tuple[int, ...] = (0, 1, 2, 3, 4),
-    seconds: float = 60.0,
-    env_steps: int | None = None,
-    share: str = "0/1",
+    plan: Path,
+    output: Path = Path("rows.csv"),
+    minutes: float = math.inf,
+    fronts: Path | None = None,
     device: str | None = None,
-    only_report: bool = False,
 ) -> None:
-    """Train the runs that are missing, and report all that are complete.
+    """Train the runs that are missing.
 
     Args:
-        output: Folder of the runs, tables and figures.
-        tasks: Tasks to train.
-        methods: YAML file of methods.
-        seeds: Random seeds, one run of each task and method per seed.
-        seconds: Training time per run, in seconds, of methods without their own.
-        env_steps: Environment steps per run, instead of seconds.
-        share: Train every N-th run from the K-th on, as K/N, with K from 0.
-        device: cuda or cpu (None: CUDA if available).
-        only_report: Train nothing, and read OUTPUT/rows.csv alone.
+        plan: YAML file of tasks, methods, seeds and seconds.
+        output: CSV file to append to.
+        minutes: Start no run that could not end within this time.
+        fronts: Folder for the fronts of the best checkpoints.
+        device: cuda or cpu (None: all GPUs, or the CPU without any).
     """
-    if only_report:
-        console.print(report(output))
-        return
-    place = str(resolve_device(device))
-    chosen = read_methods(methods, None if env_steps else seconds, env_steps)
-    jobs = plan(tasks, chosen, seeds)
-    missing = [job for job in jobs if not is_complete(job, output)]
-    for job in missing:
-        job.config(place)  # so that a mistake in a method ends the command here
-    own = [job for job in shared(jobs, share) if job in missing]
-    for number, job in enumerate(own, start=1):
-        console.print(f"{number}/{len(own)}: {job}")
-        if SEVERAL:  # of one launch, which need no lock against each other
-            _train(job, job.folder(output), place)
-        else:
-            train_once(job, output, place)
-    if not FIRST:
-        return
-    # else a slower process would replace the report of all runs with an older one
-    with FileLock(output / ".report.lock"):
-        write_rows(gather(jobs, output), output / "rows.csv")
-        console.print(report(output))
+    runs = Plan(**read_yaml(plan))
+    cards = torch.cuda.device_count() if device != "cpu" else 0
+    end, lock = time.monotonic() + 60 * minutes, threading.Lock()
+    while True:
+        jobs = runs.jobs(rows := read(output), device)
+        done = {tuple(row[name] for name in KEY) for row in rows}
+        missing = deque(job for job in jobs if job.key not in done)
+        console.print(f"{len(missing)} of {len(jobs)} runs to train")
+        if not missing or time.monotonic() + runs.seconds + ENDING > end:
+            return
+        threads = [
+            threading.Thread(target=_train_all, args=(card, missing, end, output, fronts, lock))
+            for card in (range(cards) if cards else [None])
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
 
 
-def train_once(job: Job, output: Path, device: str) -> None:
-    """Train a run, unless another process does so or has done so."""
-    folder = job.folder(output)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(folder.with_name(f".{folder.name}.lock"), timeout=0):
-            if not is_complete(job, output):
-                _train(job, folder, device)
-    except Timeout:
-        console.print(f"another process trains {job}")
+def _train_all(
+    card: int | None,
+    missing: deque[Job],
+    end: float,
+    output: Path,
+    fronts: Path | None,
+    lock: threading.Lock,
+) -> None:
+    """Train missing runs in a process of one GPU, until none is left or the time is over."""
+    pool = None
+    while missing and time.monotonic() + missing[0].seconds + ENDING <= end:
+        try:
+            job = missing.popleft()
+        except IndexError:  # another thread was faster
+            break
+        pool = pool or ProcessPoolExecutor(1, get_context("spawn"), _show, (card,))
+        start = time.monotonic()
+        try:
+            rows = pool.submit(measured, job, fronts, "cpu" if card is None else None).result()
+        except (MorlaxError, BrokenProcessPool, RuntimeError) as error:
+            rows = [{"evaluation": "crash", "error": " ".join(str(error).split())}]
+            pool.shutdown(wait=False)
+            pool = None  # a CUDA error leaves its process unusable
+        with lock:
+            append(output, [dict(zip(KEY, job.key, strict=True)) | row for row in rows])
+        result = rows[-1].get("hypervolume", rows[-1].get("error"))
+        console.print(f"{job}: {result}, {time.monotonic() - start:.0f} s")
+    if pool:
+        pool.shutdown()
 
 
-def _train(job: Job, folder: Path, device: str) -> None:
-    """Train a run from its beginning, and write its outcome last."""
-    if FIRST and folder.exists():
-        shutil.rmtree(folder)
+def _show(card: int | None) -> None:
+    """Let a process see one GPU."""
+    if card is not None:
+        os.environ["CUDA_VISIBLE_DEVICES"] = str(card)
+
+
+def measured(job: Job, fronts: Path | None, device: str | None) -> list[dict[str, Any]]:
+    """Train a run and return its rows, without the columns KEY."""
+    config, times = job.config(device), dict[str, float]()
+    rows, evaluations = list[dict[str, Any]](), list[Evaluation]()
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        train(config, output=run, on_evaluation=evaluations.append)
+        for one in evaluations:
+            times = {"env_steps": one.env_steps}
+            times |= {
+                name: round(getattr(one, name), 3) for name in ("train_seconds", "total_seconds")
+            }
+            rows.append({"evaluation": "training", **times, "hypervolume": one.hypervolume})
+        release_memory()
+        policy = load(run, config.device)
+    results = fronts_that_count(policy)
+    for name, front in results.items():
+        values = {k: v for k, v in front.indicators().items() if k in INDICATORS}
+        rows.append({"evaluation": name, **times, "hypervolume": front.hypervolume, **values})
+    if fronts:
+        fronts.mkdir(parents=True, exist_ok=True)
+        results["best"].save(fronts / f"{job}.npz")
+    del policy
     release_memory()
-    error, config = None, job.config(device)
-    try:
-        trainer = importlib.import_module(job.method.trainer or "morlax_torch.train")
-        trainer.train(config, output=folder)
-    except MorlaxError as caught:
-        if SEVERAL:
-            raise  # the other processes may not know of it
-        error = str(caught)
-        console.print(f"{job} crashed: {error}")
-    if not FIRST:
-        return
-    folder.mkdir(exist_ok=True)
-    if (folder / "checkpoints" / "best.pt").is_file():  # a crash may come before it
-        fresh_front(folder, config.device).save(folder / FRONT)
-    write_file(folder / OUTCOME, yaml.safe_dump({**job.settings, "error": error}, sort_keys=False))
+    card = "CPU" if config.device == "cpu" else torch.cuda.get_device_name()
+    return [{"card": card, **row} for row in rows]
 
 
-def fresh_front(folder: Path, device: str | None) -> Front:
-    """Evaluate the best checkpoint of a run once more."""
-    return evaluate(load(folder, device, trust=True), device=device, seed=FRESH)
+def fronts_that_count(policy: Policy) -> dict[str, Front]:
+    """Evaluate policies in episodes that are not those of training, without and with noise."""
+    config = policy.config
+    task = config.task.model_copy(update={"reset_noise": NOISE})
+    noisy = config.model_copy(update={"task": task})
+    m = len(policy.objectives)
+    evaluator = make_evaluator(policy.agent, noisy, m, seeds=EPISODES, seed=FRESH)
+    evaluator.compile()
+    best = evaluate(policy, device=config.device, seed=FRESH)
+    return {"best": best, "noised": evaluator.evaluate()}
+
+
+def volumes_of(rows: Sequence[Row]) -> dict[tuple[str, ...], float]:
+    """Return the hypervolume that counts of every run: noised starts, 0 after a crash."""
+    return {
+        tuple(row[name] for name in KEY): float(row["hypervolume"] or 0.0)
+        for row in rows
+        if row["evaluation"] in ("noised", "crash")
+    }
+
+
+def read(path: Path) -> list[Row]:
+    """Read the rows of a CSV file; none if there is no file."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def append(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Append rows to a CSV file, with a header if they are the first."""
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        if new:
+            writer.writeheader()
+        for row in rows:
+            writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
 
 
 if __name__ == "__main__":

@@ -1,275 +1,199 @@
-"""The report of a comparison: tables and figures, from rows.csv alone."""
+"""Tables and figures of a comparison, from the rows that compare.py has written.
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+    python benchmarks/compare_report.py rows.csv --ours MORLAX --figures docs/figures
 
-import numpy as np
-from compare_statistics import (
-    CONFIDENCE,
-    QUARTILES,
-    band,
-    interquartile_mean,
-    interval,
-    normalizer,
-    profile,
-    resampled,
-)
-from matplotlib.figure import Figure
-
-from morlax_torch.envs.naming import title
-from morlax_torch.evaluation.figures import SCALES, save
-from morlax_torch.evaluation.style import blank, distinct, lattice, legend_outside
-from morlax_torch.host.files import read, write_file
-from morlax_torch.reports.page import words
-
-INDICATORS = ("igd_plus", "expected_utility", "sparsity", "obedience")  # of rows.csv, in tables
-SHARE = "% of the reference"
-SPEED = "env steps/s"
-THRESHOLDS = 101  # of a performance profile
-NOTE = """\
-Each cell is the median (lower quartile - upper quartile) over runs. A run counts with its best
-checkpoint, loaded and evaluated once more, on other episodes than those that it was chosen by; a
-crashed run with the best one before the crash, and without any its hypervolume is 0. The speed is
-that of training, without evaluations. The reference's front is the union of the fronts of all its
-runs, and IGD+ is the distance from it, with every objective divided by the reference's range.
-Scores are hypervolumes divided by the reference's, or by the best median over runs in a task
-without a reference. They leave out the reference, and tasks that not all methods have trained on.
+A run counts with the hypervolume of its best checkpoint from noised starts. Tables have the median
+over seeds and its bootstrap interval of 95 %. Differences are paired by seed.
 """
 
-Scores = dict[str, dict[str, np.ndarray]]  # method -> task -> (n,) one score per run
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import tyro
+from compare import KEY, Row, read
+from compare_statistics import best_so_far, interquartile_mean, interval, mean, median
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from morlax_torch import MorlaxError
+from morlax_torch.commands.terminal import cli
+from morlax_torch.commands.terminal.cli import console
+
+AXES = {"train_seconds": "training (s)", "env_steps": "environment steps"}
 
 
-class Trained(NamedTuple):
-    """A run, as rows.csv holds it, with E evaluations."""
+class Run(NamedTuple):
+    """The rows of a run."""
 
-    task: str
-    method: str
-    reference: bool  # whether the method is the reference
-    seed: int
-    env_steps: np.ndarray  # (E,)
-    train_seconds: np.ndarray  # (E,)
-    hypervolume: np.ndarray  # (E,)
-    best: float  # hypervolume of the chosen checkpoint, 0 without one
-    indicators: dict[str, float]  # of the chosen checkpoint, by name
-    reference_hypervolume: float | None  # of the task; None: it has no reference
-    error: str  # empty if the run did not crash
+    training: list[Row]
+    best: Row
+    noised: Row
 
-    def measures(self) -> dict[str, float]:
-        """Return the known columns of the run's table by name."""
-        found = {"hypervolume": self.best}
-        if self.reference_hypervolume is not None:
-            found[SHARE] = 100 * self.best / self.reference_hypervolume
-        found |= {words(name): value for name, value in self.indicators.items()}
-        if len(self.train_seconds) and self.train_seconds[-1] > 0:
-            found[SPEED] = self.env_steps[-1] / self.train_seconds[-1]
-        return found
+    def curve(self, axis: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the column `axis` (E,) of evaluations while training, and hypervolumes (E,)."""
+        x, y = ([float(row[name]) for row in self.training] for name in (axis, "hypervolume"))
+        return np.array(x), np.array(y)
 
 
-def report(output: Path) -> str:
-    """Write results.md and the figures of OUTPUT/rows.csv, and return the tables.
+Runs = dict[str, dict[str, dict[int, Run]]]  # by task, method with its setting, and seed
 
-    Raises:
-        MorlaxError: there is no such file, or a file cannot be written.
+
+def main(
+    rows: Path, ours: str = "MORLAX", targets: Sequence[str] = (), figures: Path | None = None
+) -> None:
+    """Print the tables, and draw the curves.
+
+    Args:
+        rows: CSV file that compare.py has written.
+        ours: The method that others are compared with.
+        targets: Hypervolumes to reach, such as hopper=6.0e6.
+        figures: Folder to draw curves.png in.
     """
-    runs = read_runs(output / "rows.csv")
-    rated = scores(runs)
-    text = results(runs, rated)
-    write_file(output / "results.md", text)
-    save(hypervolume_figure(runs), output / "hypervolume", ("png",))
-    if rated:
-        save(profile_figure(rated), output / "profile", ("png",))
-        save(mean_figure(rated), output / "interquartile_mean", ("png",))
-    return text
+    runs = runs_of(read(rows))
+    if not runs:
+        raise MorlaxError(f"{rows} has no complete run: name a file that compare.py has written.")
+    for evaluation in ("noised", "best"):
+        console.print(f"Hypervolume, {evaluation}\n\n{volumes_table(runs, evaluation)}")
+    console.print(f"Difference to {ours}, %\n\n{differences_table(runs, ours)}")
+    reached = dict(target.split("=") for target in targets)
+    if reached:
+        console.print(times_table(runs, {task: float(x) for task, x in reached.items()}))
+    if figures:
+        curves_figure(runs).savefig(figures / "curves.png", dpi=150)
 
 
-def read_runs(path: Path) -> list[Trained]:
-    """Read the runs of a rows.csv.
-
-    Raises:
-        MorlaxError: there is no such file.
-    """
-    text = read(path, "table of evaluations").decode()
-    found: dict[tuple[str, ...], list[dict[str, str]]] = {}
-    for row in csv.DictReader(io.StringIO(text, newline="")):
-        names = "task", "method", "reference", "seed", "reference_hypervolume"
-        found.setdefault(tuple(row[name] for name in names), []).append(row)
-    return [_trained(*key, rows) for key, rows in found.items()]
-
-
-def _trained(
-    task: str, method: str, reference: str, seed: str, volume: str, rows: list[dict[str, str]]
-) -> Trained:
-    measured = [row for row in rows if row["hypervolume"]]
-    fresh = [row for row in measured if row.get("fresh") == "1"]
-    seen = [row for row in measured if row not in fresh]
-    curves = [
-        np.array([float(row[name]) for row in seen])
-        for name in ("env_steps", "train_seconds", "hypervolume")
-    ]
-    # tables of up to version 0.3 have no fresh evaluations
-    chosen = fresh or sorted(seen, key=lambda row: float(row["hypervolume"]))[-1:]
-    best = chosen[0] if chosen else {}
-    return Trained(
-        task,
-        method,
-        reference == "1",
-        int(seed),
-        *curves,
-        float(best.get("hypervolume", 0.0)),
-        {name: float(best[name]) for name in INDICATORS if best.get(name)},
-        float(volume) if volume else None,
-        rows[-1]["error"],
-    )
+def runs_of(rows: Sequence[Row]) -> Runs:
+    """Sort the rows of complete runs."""
+    groups: dict[tuple[str, ...], dict[str, list[Row]]] = {}
+    for row in rows:
+        group = groups.setdefault(tuple(row[name] for name in KEY), {})
+        group.setdefault(row["evaluation"], []).append(row)
+    runs: Runs = {}
+    for (task, method, setting, seed), group in groups.items():
+        if "noised" in group:
+            name = ", ".join(part for part in (method, setting) if part)
+            run = Run(group["training"], group["best"][0], group["noised"][0])
+            runs.setdefault(task, {}).setdefault(name, {})[int(seed)] = run
+    return runs
 
 
-def scores(runs: Iterable[Trained]) -> Scores:
-    """Return the normalized hypervolumes of every method but the reference.
-
-    Only tasks that all of them have trained on are in it.
-    """
-    rated = [run for run in runs if not run.reference]
-    methods = dict.fromkeys(run.method for run in rated)
-    found: Scores = {}
-    for task in dict.fromkeys(run.task for run in rated):
-        own = [run for run in rated if run.task == task]
-        best = {name: np.array([r.best for r in own if r.method == name]) for name in methods}
-        if all(len(values) for values in best.values()):
-            scale = normalizer(best.values(), own[0].reference_hypervolume)
-            for name, values in best.items() if scale > 0 else ():
-                found.setdefault(name, {})[task] = values / scale
-    return found
+def values(of_method: dict[int, Run], evaluation: str, column: str = "hypervolume") -> list[float]:
+    """Return a value of each run, by seed."""
+    return [float(getattr(of_method[seed], evaluation)[column]) for seed in sorted(of_method)]
 
 
-def results(runs: Sequence[Trained], rated: Scores) -> str:
-    """Return all tables as Markdown."""
-    parts = ["# Results\n", NOTE]
-    if rated:
-        parts += ["## All tasks\n", _scores_table(rated)]
-    for task in dict.fromkeys(run.task for run in runs):
-        own = [run for run in runs if run.task == task]
-        parts += [f"## {title(task)}\n", _task_table(own)]
-        crashes = [
-            f"- {run.method}, seed {run.seed}: {' '.join(run.error.split())}\n"
-            for run in own
-            if run.error
-        ]
-        if crashes:
-            parts += ["Crashes:\n", "".join(crashes)]
-    return "\n".join(parts)
+def volumes_table(runs: Runs, evaluation: str) -> str:
+    """Return the median hypervolumes, with intervals."""
+    lines = []
+    for method in _methods(runs):
+        cells = []
+        for of_task in runs.values():
+            scores = values(of_task.get(method, {}), evaluation)
+            cells.append(_spread(scores) if scores else "")
+        lines.append([method, *cells])
+    return markdown(["", *runs], lines)
 
 
-def _scores_table(rated: Scores) -> str:
-    heads = ["method", "interquartile mean of scores", f"{CONFIDENCE:.0%} interval", "runs"]
-    rows = []
-    for name, by_task in rated.items():
-        values = list(by_task.values())
-        low, high = interval(interquartile_mean(resampled(values)))
-        mean = interquartile_mean(np.concatenate(values))
-        rows.append([name, f"{mean:.3f}", f"{low:.3f} - {high:.3f}", str(sum(map(len, values)))])
-    return _markdown(heads, rows)
+def differences(runs: Runs, ours: str, method: str) -> dict[str, NDArray[np.float64]]:
+    """Return how far `method` is from `ours` by task: paired by seed, in % of our mean."""
+    shares = {}
+    for task, of_task in runs.items():
+        seeds = sorted({*of_task.get(ours, {})} & {*of_task.get(method, {})})
+        if seeds:
+            mine, theirs = (
+                np.array([float(of_task[name][seed].noised["hypervolume"]) for seed in seeds])
+                for name in (ours, method)
+            )
+            shares[task] = 100 * (theirs - mine) / mine.mean()
+    return shares
 
 
-def _task_table(runs: Sequence[Trained]) -> str:
-    """Return the table of one task, without columns that no run has a value for."""
-    order = ("hypervolume", SHARE, *map(words, INDICATORS), SPEED)
-    known = [name for name in order if any(name in run.measures() for run in runs)]
-    rows = []
-    for method in dict.fromkeys(run.method for run in runs):
-        own = [run for run in runs if run.method == method]
-        measured = [run.measures() for run in own]
-        cells = [_spread([m[name] for m in measured if name in m]) for name in known]
-        crashes = sum(bool(run.error) for run in own)
-        rows.append([method, *cells, str(len(own)), str(crashes)])
-    return _markdown(["method", *known, "runs", "crashes"], rows)
+def differences_table(runs: Runs, ours: str) -> str:
+    """Return the mean differences to `ours`, with intervals; bold ones exclude zero."""
+    lines = []
+    for method in _methods(runs):
+        shares = differences(runs, ours, method)
+        if method == ours or not shares:
+            continue
+        cells = [_difference([shares[task]]) if task in shares else "" for task in runs]
+        groups = [*shares.values()]
+        low, high = interval(interquartile_mean, groups)
+        middle = f"{interquartile_mean(np.concatenate(groups)):+.1f} ({low:+.1f} to {high:+.1f})"
+        lines.append([method, *cells, _difference(groups), middle])
+    return markdown(["", *runs, "mean", "interquartile mean"], lines)
 
 
-def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+def _difference(groups: Sequence[NDArray[np.float64]]) -> str:
+    low, high = interval(mean, groups)
+    text = f"{np.concatenate(groups).mean():+.1f} ({low:+.1f} to {high:+.1f})"
+    return f"**{text}**" if low > 0 or high < 0 else text
 
 
-def _spread(values: Sequence[float]) -> str:
-    """Format median and quartiles."""
-    if not values:
-        return ""
-    low, middle, high = (f"{value:.4g}" for value in np.quantile(values, QUARTILES))
-    return f"{middle} ({low} - {high})" if len(values) > 1 else middle
+def times_table(runs: Runs, targets: dict[str, float]) -> str:
+    """Return the median training seconds to a hypervolume, and how many runs reached it."""
+    lines = []
+    for method in _methods(runs):
+        cells = []
+        for task, target in targets.items():
+            of_method = runs.get(task, {}).get(method, {})
+            times = [time_to(run, target) for run in of_method.values()]
+            reached = sorted(time for time in times if time is not None)
+            cells.append(
+                f"{np.median(reached):.1f} s ({len(reached)}/{len(times)})" if reached else ""
+            )
+        lines.append([method, *cells])
+    return markdown(["", *(f"{task}, {target:.3g}" for task, target in targets.items())], lines)
 
 
-def hypervolume_figure(runs: Sequence[Trained]) -> Figure:
-    """Plot the best hypervolume so far against environment steps and training seconds.
+def time_to(run: Run, target: float) -> float | None:
+    """Return the training seconds of the first evaluation that reaches a hypervolume."""
+    seconds, volumes = run.curve("train_seconds")
+    return next((s for s, v in zip(seconds.tolist(), volumes, strict=True) if v >= target), None)
 
-    Each method has its median over runs and its interquartile range, and each task a row of plots.
-    The reference, which may train longer, is a horizontal line.
-    """
-    tasks = list(dict.fromkeys(run.task for run in runs))
-    looks = _looks(dict.fromkeys(run.method for run in runs if not run.reference))
-    figure = blank(9.0, 0.6 + 3.1 * len(tasks), "")
-    for task, row in zip(tasks, figure.subplots(len(tasks), 2, squeeze=False), strict=True):
-        own = [run for run in runs if run.task == task]
-        for axes, (scale, label) in zip(row, SCALES, strict=True):
-            for name, look in looks.items():
-                curves = [(getattr(r, scale), r.hypervolume) for r in own if r.method == name]
-                if curves:
-                    x, (low, middle, high) = band(curves)
-                    axes.plot(x, middle, drawstyle="steps-post", label=name, **look)
-                    color = look["color"]
-                    axes.fill_between(x, low, high, step="post", color=color, alpha=0.2, lw=0)
-            if own[0].reference_hypervolume is not None:
-                line = {"color": "0.3", "lw": 0.9, "label": "reference"}
-                axes.axhline(own[0].reference_hypervolume, **line)
-            axes.set_xlabel(label)
-            axes.set_title(title(task))
-            lattice(axes)
+
+def curves_figure(runs: Runs) -> Figure:
+    """Draw the best hypervolume so far over time and steps: median, and lowest to highest run."""
+    figure = Figure(figsize=(8.0, 2.3 * len(runs)), layout="constrained")
+    plots = figure.subplots(len(runs), 2, squeeze=False)
+    for row, (task, of_task) in zip(plots, runs.items(), strict=True):
+        for axes, (axis, label) in zip(row, AXES.items(), strict=True):
+            for number, method in enumerate(_methods(runs)):
+                curves = [run.curve(axis) for run in of_task.get(method, {}).values()]
+                if not curves:
+                    continue
+                grid = np.unique(np.concatenate([x for x, _ in curves]))
+                heights = np.array([best_so_far(x, y, grid) for x, y in curves])
+                color = f"C{number}"
+                axes.step(grid, median(heights.T), where="post", color=color, label=method)
+                low, high = heights.min(0), heights.max(0)
+                axes.fill_between(grid, low, high, step="post", color=color, alpha=0.15, lw=0)
+            axes.set(xlabel=label, title=task)
+            axes.spines[["top", "right"]].set_visible(False)
         row[0].set_ylabel("hypervolume")
-    legend_outside(figure)
+    handles, labels = plots[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
-def profile_figure(rated: Scores) -> Figure:
-    """Plot performance profiles over all tasks, with pointwise bootstrap bands."""
-    figure = blank(6.4, 4.2, "")
-    axes = figure.add_subplot()
-    most = max(values.max() for by_task in rated.values() for values in by_task.values())
-    thresholds = np.linspace(0, 1.02 * most, THRESHOLDS)
-    for name, look in _looks(rated).items():
-        values = list(rated[name].values())
-        low, high = interval(profile(resampled(values), thresholds))
-        axes.plot(thresholds, profile(np.concatenate(values), thresholds), label=name, **look)
-        axes.fill_between(thresholds, low, high, color=look["color"], alpha=0.2, lw=0)
-    axes.set_xlabel("normalized hypervolume (τ)")
-    axes.set_ylabel("share of runs above τ")
-    lattice(axes)
-    legend_outside(figure)
-    return figure
+def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Return a table."""
+    rows = [heads, ["---"] * len(heads), *lines]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def mean_figure(rated: Scores) -> Figure:
-    """Plot each method's interquartile mean over all tasks, with its bootstrap interval."""
-    figure = blank(6.4, 1.0 + 0.5 * len(rated), "")
-    axes = figure.add_subplot()
-    axes.use_sticky_edges = False  # else the lowest bar touches the frame
-    for place, (name, look) in enumerate(_looks(rated).items()):
-        values = list(rated[name].values())
-        low, high = interval(interquartile_mean(resampled(values)))
-        axes.barh(place, high - low, left=low, height=0.5, color=look["color"], alpha=0.35)
-        mean = interquartile_mean(np.concatenate(values))
-        axes.plot([mean, mean], [place - 0.25, place + 0.25], color=look["color"], lw=2)
-    axes.set_yticks(range(len(rated)), list(rated))
-    axes.invert_yaxis()
-    axes.set_xlabel(f"interquartile mean of normalized hypervolume, {CONFIDENCE:.0%} interval")
-    lattice(axes)
-    return figure
+def _methods(runs: Runs) -> list[str]:
+    return list(dict.fromkeys(method for of_task in runs.values() for method in of_task))
 
 
-def _looks(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return a color and a line style for each method."""
-    names = list(methods)
-    looks = distinct(len(names))
-    return {
-        name: {"color": look["color"], "linestyle": look["linestyle"], "lw": 1.6}
-        for name, look in zip(names, looks, strict=True)
-    }
+def _spread(scores: Sequence[float]) -> str:
+    """Return the median and its interval, all with the power of ten of the median."""
+    low, high = interval(median, [scores])
+    power = int(np.floor(np.log10(max(np.median(scores), 1e-300)) / 3)) * 3
+    middle, low, high = (x / 10.0**power for x in (np.median(scores), low, high))
+    return f"{middle:.3g}e{power} ({low:.3g} to {high:.3g})"
+
+
+if __name__ == "__main__":
+    cli.run(lambda arguments: tyro.cli(main, args=arguments))

@@ -321,25 +321,6 @@ def test_a_scalar_critic_learns_the_weighted_reward():
     assert explained.shape == (1,) and "explained_variance/utility" in learner.metrics()
 
 
-@pytest.mark.slow
-def test_nsga2_finds_the_front_without_gradients(tmp_path):
-    nsga2 = pytest.importorskip("nsga2")  # of benchmarks/, which needs EvoX
-    population = 128
-    config = small(
-        "independent",
-        worlds=population,
-        max_env_steps=population * 150,
-        **{"sampling.clusters": population, "ppo.minibatches": 1, "decay_fraction": 0.0},
-    )
-    best = []
-    run = nsga2.train(config, tmp_path / "run", lambda evaluation: best.append(evaluation.front))
-    tradeoffs = torch.as_tensor(best[-1].tradeoffs).float()
-    missed = best_returns(tradeoffs) - torch.as_tensor(best[-1].returns).float()
-    assert (missed * tradeoffs).sum(1).max() < 0.02
-    policy, seen = load(run.folder, "cpu", trust=True), torch.ones(3, 1)
-    assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))
-
-
 @pytest.mark.parametrize("number", [3, 6, 10, 40])
 def test_even_tradeoffs_cover_the_simplex(number):
     points = even_tradeoffs(number, 3)
