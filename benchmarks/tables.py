@@ -24,8 +24,13 @@ MARK = re.compile(r"^(<!-- table: (\w+) -->\n\n)((?:\|.*\n)+)", re.MULTILINE)
 
 # MO-Playground (arXiv 2603.09237), Table I: the highest hypervolumes of HYPER-MORL, which are our
 # targets, and how long HYPER-MORL and MORLAX took to reach them
-TARGETS = {"cheetah": "5.58e6", "walker": "5.28e6", "ant": "2.70e7"}
-TARGETS |= {"hopper": "6.0e6", "humanoid": "0.74e6"}
+TARGETS = {
+    "cheetah": "5.58e6",
+    "walker": "5.28e6",
+    "ant": "2.70e7",
+    "hopper": "6.0e6",
+    "humanoid": "0.74e6",
+}
 PAPER = (
     ("HYPER-MORL", "a CPU", "4,955 s", "8,076 s", "13,339 s", "12,728 s", "25,950 s"),
     ("MORLAX in JAX", "an RTX A4000", "144 s", "307 s", "534 s", "53 s", "92 s"),
@@ -179,8 +184,11 @@ def few_steps() -> str:
         "CAPQL, 100,000 steps": "capql of morl-baselines",
         "MORLAX, 100,000 steps": "morlax, --max-env-steps 100000",
     }
-    seconds = {"hyper-sac, 120 s": "hyper-sac", "PD-MORL, 120 s": "pd-morl"}
-    seconds["MORLAX, 120 s"] = "morlax"
+    seconds = {
+        "hyper-sac, 120 s": "hyper-sac",
+        "PD-MORL, 120 s": "pd-morl",
+        "MORLAX, 120 s": "morlax",
+    }
     lines = []
     for file, runs in (("off-policy.csv", steps), ("off-policy-120s.csv", seconds)):
         methods: dict[str, list[list[float]]] = {name: [] for name in runs}
@@ -230,8 +238,7 @@ WALK = ("velocity error (m/s)", "speed (share of the commanded)", "power (W)")
 
 def walk(name: str, rows: Sequence[Row], columns: Sequence[str] = WALK) -> list[str]:
     """Return a line of how policies walk, with one number per row in each cell."""
-    digits = (3, 2, 1)
-    cells = zip(columns, digits, strict=True)
+    cells = zip(columns, (3, 2, 1), strict=True)
     return [name, *(listed(values(rows, column), places) for column, places in cells)]
 
 
@@ -262,15 +269,15 @@ def mjlab() -> str:
 
 
 def throughput() -> str:
-    worlds = {"cheetah": 4096, "walker": 4096, "hopper": 8192}  # of the configs
-    worlds |= {"ant": 8192, "humanoid": 8192, "bruce": 4096}
-    speeds, shares = ["environment steps/s"], ["share of raw physics"]
-    for task, count in worlds.items():
+    tasks = ("cheetah", "walker", "hopper", "ant", "humanoid", "bruce")
+    worlds = (4096, 4096, 8192, 8192, 8192, 4096)  # of the configs
+    head, speeds, shares = ["H200, worlds of the config"], ["environment steps/s"], []
+    for task, count in zip(tasks, worlds, strict=True):
         (row,) = read("throughput-h200.csv", task=task, worlds=str(count))
         speeds.append(f"{number(float(row['training_Msteps/s']), 2)} M")
         shares.append(f"{number(float(row['training/physics']), 0, -2)} %")
-    head = [f"{task}, {count:,}" for task, count in worlds.items()]
-    return markdown(["H200, worlds of the config", *head], [speeds, shares])
+        head.append(f"{task}, {count:,}")
+    return markdown(head, [speeds, ["share of raw physics", *shares]])
 
 
 def gpus() -> str:
