@@ -1,0 +1,317 @@
+"""Write the tables of docs/results.md and README.md from the rows in benchmarks/results.
+
+python benchmarks/tables.py          # rewrite them in place
+python benchmarks/tables.py --check  # name the tables that differ from their rows
+
+On a page, a table stands below a comment with its name, such as <!-- table: pgmorl -->.
+"""
+
+import argparse
+import csv
+import math
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from decimal import ROUND_HALF_UP, Decimal
+from itertools import groupby
+from pathlib import Path
+from statistics import median
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = (ROOT / "docs" / "results.md", ROOT / "README.md")
+RESULTS = ROOT / "benchmarks" / "results"
+MARK = re.compile(r"^(<!-- table: (\w+) -->\n\n)((?:\|.*\n)+)", re.MULTILINE)
+
+# MO-Playground (arXiv 2603.09237), Table I: the highest hypervolumes of HYPER-MORL, which are our
+# targets, and how long HYPER-MORL and MORLAX took to reach them
+TARGETS = {
+    "cheetah": "5.58e6",
+    "walker": "5.28e6",
+    "ant": "2.70e7",
+    "hopper": "6.0e6",
+    "humanoid": "0.74e6",
+}
+PAPER = (
+    ("HYPER-MORL", "a CPU", "4,955 s", "8,076 s", "13,339 s", "12,728 s", "25,950 s"),
+    ("MORLAX in JAX", "an RTX A4000", "144 s", "307 s", "534 s", "53 s", "92 s"),
+)
+# PG-MORL's tasks, with a power of ten: HYPER-MORL (arXiv 2406.18924, means of nine seeds), PD-MORL
+# (ICLR 2023) and COLA (means of five runs)
+PGMORL = {
+    ("hopper", 7): ("2.05", "1.88", "2.11"),
+    ("hopper3", 10): ("3.58", "", "3.41"),
+    ("swimmer", 4): ("2.88", "3.21", ""),
+    ("halfcheetah", 6): ("5.53", "5.89", ""),
+    ("ant", 6): ("7.49", "7.48", "11.33"),
+    ("humanoid", 7): ("4.32", "", ""),
+    ("walker2d", 6): ("5.37", "5.41", "4.87"),
+}
+# C-MORL (ICLR 2025) and D3PO, as the tables of D3PO (arXiv 2602.07764) print both
+CMORL = {
+    ("hopper-2obj", 5): ("1.37", "1.30"),
+    ("hopper", 7): ("2.19", "2.12"),
+    ("ant-2obj", 5): ("1.31", "1.91"),
+    ("ant", 7): ("2.61", "2.68"),
+    ("humanoid", 5): ("3.43", "3.76"),
+}
+
+Row = dict[str, str]
+
+
+def read(file: str, **columns: str) -> list[Row]:
+    """Return the rows of a CSV file whose columns have these values."""
+    with (RESULTS / file).open(newline="") as lines:
+        return [row for row in csv.DictReader(lines) if columns.items() <= row.items()]
+
+
+def values(rows: Iterable[Row], column: str = "hypervolume") -> list[float]:
+    return [float(row[column]) for row in rows]
+
+
+def by_seed(rows: Iterable[Row]) -> list[list[float]]:
+    """Return the hypervolumes of each run, in the order of seeds and evaluations."""
+    runs: dict[int, list[float]] = {}
+    for row in rows:
+        runs.setdefault(int(row["seed"]), []).append(float(row["hypervolume"]))
+    return [runs[seed] for seed in sorted(runs)]
+
+
+def number(value: float, digits: int = 0, power: int = 0) -> str:
+    """Return value / 10**power with `digits` after the point; ties of decimals round up."""
+    scaled = Decimal(str(value)).scaleb(-power)
+    return str(scaled.quantize(Decimal(1).scaleb(-digits), ROUND_HALF_UP))
+
+
+def listed(numbers: Sequence[float], digits: int, power: int = 0, above: float = math.inf) -> str:
+    """Return numbers in units of 10**power, those above a limit (in the same units) in bold."""
+    parts = []
+    for is_above, group in groupby(numbers, lambda value: value > above * 10**power):
+        text = ", ".join(number(value, digits, power) for value in group)
+        parts.append(f"**{text}**" if is_above else text)
+    return ", ".join(parts)
+
+
+def markdown(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    rows = [head, ["---"] * len(head), *lines]
+    return "".join(f"| {' | '.join(row)} |\n".replace("  ", " ") for row in rows)
+
+
+def in_millions(methods: dict[str, list[list[float]]], digits: Sequence[int]) -> list[list[str]]:
+    """Return a line of medians per method, the highest of each column in bold.
+
+    Args:
+        methods: for each column, the hypervolumes of a method's runs; without any, a cell is empty.
+        digits: digits after the point, for each column.
+    """
+    lines = [[method] for method in methods]
+    for runs, places in zip(zip(*methods.values(), strict=True), digits, strict=True):
+        best = max(median(volumes) for volumes in runs if volumes)
+        for line, volumes in zip(lines, runs, strict=True):
+            text = number(median(volumes), places, 6) if volumes else ""
+            line.append(f"**{text}**" if volumes and median(volumes) == best else text)
+    return lines
+
+
+def reaching(task: str) -> list[Row]:
+    """Return the commands with the shortest time limit whose median reaches the target."""
+    limits: dict[float, list[Row]] = {}
+    for row in read("table1-h200.csv", env=task):
+        limits.setdefault(float(row["max_seconds"]), []).append(row)
+    target = float(TARGETS[task])
+    return next(rows for _, rows in sorted(limits.items()) if median(values(rows)) >= target)
+
+
+def targets() -> str:
+    lines = []
+    for task, target in TARGETS.items():
+        rows, power = reaching(task), int(target[-1])
+        limit, volumes = rows[0]["max_seconds"], values(rows)
+        spread = [number(x, 2, power) for x in (median(volumes), min(volumes), max(volumes))]
+        hypervolume = f"{spread[0]}e{power} ({spread[1]} - {spread[2]})"
+        command = number(median(values(rows, "command_seconds")), 1)
+        speed = number(median(values(rows, "env_steps")) / float(limit), 2, 6)
+        lines.append([task, target, limit, hypervolume, f"{command} s", f"{speed} M"])
+    head = ["task", "target", "`--max-seconds`", "hypervolume: median (range)", "whole command"]
+    return markdown([*head, "steps/s"], lines)
+
+
+def original(task: str, column: str) -> str:
+    """Return the seconds after which the authors' program reaches the target."""
+    rows = read("original-h200.csv", task=task)
+    reached = [row for row in rows if float(row["hypervolume"]) >= float(TARGETS[task])]
+    if not reached:
+        return f"not in {number(float(rows[-1][column]))} s"
+    return f"{number(float(reached[0][column]))} s"
+
+
+def readme() -> str:
+    limits, commands = [], []
+    for task in TARGETS:
+        rows = reaching(task)
+        limits.append(f"{rows[0]['max_seconds']} s")
+        commands.append(f"{number(median(values(rows, 'command_seconds')), 1)} s")
+    times = {
+        "MORLAX in JAX, the authors' program, training": "wall_train_seconds",
+        "the same, whole, with compiling": "wall_total_seconds",
+    }
+    lines = [
+        *PAPER,
+        *([name, "one H200", *(original(task, times[name]) for task in TARGETS)] for name in times),
+        ["morlax_torch, training (`--max-seconds`)", "one H200", *limits],
+        ["morlax_torch, whole command, kernels compiled before", "one H200", *commands],
+    ]
+    return markdown(["", "hardware", *TARGETS], lines)
+
+
+def algorithms() -> str:
+    tasks = {"cheetah": 2, "walker": 2, "hopper": 2, "ant": 1, "humanoid": 2}
+    names = ["MORLAX", "HYPER-MORL", "AMOR", "AMOR, as many parameters", "PG-MORL", "NSGA-II"]
+    methods = {  # `fresh` rows are those of best.pt, evaluated again
+        name: [
+            values(read("comparison/rows.csv", task=task, method=name, fresh="1")) for task in tasks
+        ]
+        for name in [*names, "independent policies"]
+    }
+    return markdown(["", *tasks], in_millions(methods, list(tasks.values())))
+
+
+def few_steps() -> str:
+    tasks = ("cheetah", "hopper", "mo-gymnasium/hopper-2obj", "mo-gymnasium/halfcheetah")
+    steps = {
+        "hyper-sac, 100,000 steps": "hyper-sac, --max-env-steps 100000",
+        "PD-MORL, 100,000 steps": "pd-morl, --max-env-steps 100000",
+        "CAPQL, 100,000 steps": "capql of morl-baselines",
+        "MORLAX, 100,000 steps": "morlax, --max-env-steps 100000",
+    }
+    seconds = {
+        "hyper-sac, 120 s": "hyper-sac",
+        "PD-MORL, 120 s": "pd-morl",
+        "MORLAX, 120 s": "morlax",
+    }
+    lines = []
+    for file, runs in (("off-policy.csv", steps), ("off-policy-120s.csv", seconds)):
+        methods: dict[str, list[list[float]]] = {name: [] for name in runs}
+        for name, algorithm in runs.items():
+            for task in tasks:
+                rows = read(f"comparison/{file}", task=task, algorithm=algorithm)
+                methods[name].append([max(run) for run in by_seed(rows)])
+        lines += in_millions(methods, [2] * len(tasks))
+    return markdown(["", *tasks], lines)
+
+
+def pgmorl() -> str:
+    lines = []
+    for (task, power), published in PGMORL.items():
+        with_cells = task in ("hopper", "hopper3", "swimmer")
+        options = "--sampling.cells" if with_cells else ""
+        rows = read("pgmorl-h200.csv", task=f"pgmorl/{task}", options=options)
+        volumes = [run[-1] for run in by_seed(rows)]
+        if not with_cells:  # seed 0 is the search's last run, whose options became the config
+            run = read("search-h200.csv", env=f"pgmorl/{task}")[-1]
+            volumes.insert(0, float(run["curve_seconds:hypervolume"].rpartition(":")[2]))
+        ours = listed(volumes, 2, power, max(float(text) for text in published if text))
+        steps = number(float(rows[-1]["env_steps"]), 0, 6)
+        lines.append([f"{task}, 1e{power}", *published, ours, f"{steps} M"])
+    return markdown(["", "HYPER-MORL", "PD-MORL", "COLA", "MORLAX", "steps"], lines)
+
+
+def cmorl() -> str:
+    lines = []
+    for (task, power), published in CMORL.items():
+        ours, sac = "morlax", "hyper-sac"
+        if task == "humanoid":
+            ours += ", --network.symmetric --network.asymmetry 0.3"
+            sac += ", --network.no-symmetric --network.asymmetry 0"
+        cells = []
+        for algorithm, evaluated in ((ours, "in training"), (sac, "best.pt again")):
+            columns = {"algorithm": algorithm, "evaluated": evaluated}
+            runs = by_seed(read("published-h200.csv", task=f"mo-gymnasium/{task}", **columns))
+            cells.append(listed([run[-1] for run in runs], 2, power, max(map(float, published))))
+        lines.append([f"{task}, 1e{power}", *published, *cells])
+    head = ["", "C-MORL", "D3PO", "MORLAX, seeds 0 to 4", "hyper-sac, 1.5 M steps"]
+    return markdown(head, lines)
+
+
+WALK = ("velocity error (m/s)", "speed (share of the commanded)", "power (W)")
+
+
+def walk(name: str, rows: Sequence[Row], columns: Sequence[str] = WALK) -> list[str]:
+    """Return a line of how policies walk, with one number per row in each cell."""
+    cells = zip(columns, (3, 2, 1), strict=True)
+    return [name, *(listed(values(rows, column), places) for column, places in cells)]
+
+
+def mjlab() -> str:
+    go1, g1 = read("mjlab-go1-h100.csv"), read("mjlab-g1-h100.csv") + read("mjlab-g1-h200.csv")
+    ours = tuple(f"the config, seed {seed}, " for seed in range(3))
+    theirs = "mjlab's own training"
+    lines = []
+    for name, rows, run, policy in (
+        ("Go1, tracks best", go1, ours, "best tracking"),
+        ("Go1, least power", go1, ours, "least power"),
+        ("mjlab's Go1, default weights, {}, {}, H100", go1, f"{theirs}: default", ""),
+        ("mjlab's Go1, tracking weights, {}, {}, H100", go1, f"{theirs}: tracking", ""),
+        ("G1, tracks best", g1, ours, "best tracking"),
+        ("G1, least power", g1, ours, "least power"),
+        ("mjlab's G1, {}, {}, H200", g1, theirs, ""),
+    ):
+        chosen = [row for row in rows if row["run"].startswith(run) and row["policy"] == policy]
+        seconds, steps = chosen[0]["run"].split(", ")[-2:]
+        lines.append(walk(name.format(seconds, steps), chosen))
+    for place, weights in ((4, "default weights"), (5, "tracking weights")):
+        (row,) = read("mjlab-go1-outside-h200.csv", what=f"{theirs}, {weights}")
+        worlds, seconds = int(row["worlds"]), row["train_seconds"]
+        name = f"mjlab's Go1 with our {worlds:,} worlds, {weights}, {seconds} s, H200"
+        lines.insert(place, walk(name, [row], ("velocity_error_m_s", "speed_share", "power_W")))
+    head = ["", "error of the velocity, m/s", "speed, share of the commanded", "power, W"]
+    return markdown(head, lines)
+
+
+def throughput() -> str:
+    tasks = ("cheetah", "walker", "hopper", "ant", "humanoid", "bruce")
+    worlds = (4096, 4096, 8192, 8192, 8192, 4096)  # of the configs
+    head, speeds, shares = ["H200, worlds of the config"], ["environment steps/s"], []
+    for task, count in zip(tasks, worlds, strict=True):
+        (row,) = read("throughput-h200.csv", task=task, worlds=str(count))
+        speeds.append(f"{number(float(row['training_Msteps/s']), 2)} M")
+        shares.append(f"{number(float(row['training/physics']), 0, -2)} %")
+        head.append(f"{task}, {count:,}")
+    return markdown(head, [speeds, ["share of raw physics", *shares]])
+
+
+def gpus() -> str:
+    tasks = ("humanoid", "hopper", "walker", "ant")
+    lines = [["two"], ["four"]]
+    for task in tasks:
+        one, two, four = (
+            median(values(read("scaling-h200.csv", task=task, gpus=count), "steps_per_second"))
+            for count in ("1", "2", "4")
+        )
+        lines[0].append(number(two / one, 2))
+        lines[1].append(number(four / one, 2))
+    return markdown(["", *tasks], lines)
+
+
+FUNCTIONS = (readme, targets, algorithms, few_steps, pgmorl, cmorl, mjlab, throughput, gpus)
+TABLES = {function.__name__: function for function in FUNCTIONS}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--check", action="store_true", help="only name the tables that differ")
+    check = parser.parse_args(arguments).check
+    different = []
+    for page in PAGES:
+        text = page.read_text()
+        different += [name for _, name, table in MARK.findall(text) if table != TABLES[name]()]
+        if not check:
+            page.write_text(MARK.sub(lambda mark: mark[1] + TABLES[mark[2]](), text))
+    for name in different:
+        print(f"{name}: {'differs from' if check else 'rewritten from'} its rows")
+    if check and different:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
