@@ -36,7 +36,7 @@ PAPER = (
     ("MORLAX in JAX", "an RTX A4000", "144 s", "307 s", "534 s", "53 s", "92 s"),
 )
 # PG-MORL's tasks, with a power of ten: HYPER-MORL (arXiv 2406.18924, means of nine seeds), PD-MORL
-# (ICLR 2023) and COLA (means of five runs)
+# (ICLR 2023) and COLA (NeurIPS 2025, five runs with 201 preferences; its ant after 3 M steps)
 PGMORL = {
     ("hopper", 7): ("2.05", "1.88", "2.11"),
     ("hopper3", 10): ("3.58", "", "3.41"),
