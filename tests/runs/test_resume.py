@@ -12,6 +12,7 @@ import tiny as small
 import torch
 from same import assert_same
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.summary.writer import event_file_writer
 from tiny import learner as trainer
 from torch import Tensor, nn
 
@@ -254,6 +255,8 @@ def test_a_kill_between_any_two_writes_leaves_the_best_checkpoint_with_its_row(
 
     volume = property(lambda evaluation: VOLUMES[evaluation.iteration])
     monkeypatch.setattr(Evaluation, "selection_hypervolume", volume)
+    # TensorBoard sorts a second's files by name, a process's tenth before its ninth
+    monkeypatch.setattr(event_file_writer, "_global_uid", event_file_writer.AtomicCounter(10))
     with monkeypatch.context() as patch, suppress(Killed):
         patch.setattr(Path, "replace", counted)
         train(tiny(**{"max_env_steps": 32, "evaluation.every": 32}), output=tmp_path / "run")
