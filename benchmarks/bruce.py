@@ -171,8 +171,8 @@ def main(
         device: cuda or cpu (None: CUDA if available).
         output: Path of the output files, without a suffix.
     """
-    place = resolve_device(device)
-    measured = [measure(load(run, place), tradeoffs, chunk) for run in runs]
+    target = resolve_device(device)
+    measured = [measure(load(run, target), tradeoffs, chunk) for run in runs]
     text = table([run.measures() for run in measured])
     console.print(text)
     output.with_suffix(".md").write_text(text)

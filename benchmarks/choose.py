@@ -82,11 +82,11 @@ def main(
         given: Files with rows that were measured before.
         output: Path of the files, without suffix.
     """
-    place = str(envs.resolve_device(device))
+    target = str(envs.resolve_device(device))
     rows = [row for path in given for row in read(path)]
     for name in robots:
         try:
-            robot = Robot(name, reference, place)
+            robot = Robot(name, reference, target)
         except MorlaxError as error:
             console.print(f"{name} is skipped: {error}")
             continue

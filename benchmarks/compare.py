@@ -34,7 +34,6 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -42,13 +41,14 @@ from typing import Any, NamedTuple
 
 import torch
 import tyro
-from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, ValidationError
 
-from morlax_torch import MorlaxError, config_for, load
+from morlax_torch import config_for, load
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.files import merged, read_yaml
+from morlax_torch.envs.errors import explained, words
 from morlax_torch.evaluation.evaluator import make_evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.resources import release_memory
@@ -65,7 +65,7 @@ COLUMNS = (
     *(*KEY, "card", "evaluation", "env_steps", "train_seconds", "total_seconds"),
     *("hypervolume", *INDICATORS, "error"),
 )
-ENDING = 25.0  # seconds that a run needs at most beside its training
+ENDING = 25.0  # seconds that a run needs beside its training, once its kernels are compiled
 
 Row = dict[str, str]
 
@@ -152,7 +152,10 @@ def main(
         fronts: Folder for the fronts of the best checkpoints.
         device: cuda or cpu (None: all GPUs, or the CPU without any).
     """
-    runs = Plan(**read_yaml(plan))
+    try:
+        runs = Plan(**read_yaml(plan))
+    except ValidationError as error:
+        raise explained(error, Plan) from None
     cards = torch.cuda.device_count() if device != "cpu" else 0
     end, lock = time.monotonic() + 60 * minutes, threading.Lock()
     while True:
@@ -163,7 +166,9 @@ def main(
         if not missing or time.monotonic() + runs.seconds + ENDING > end:
             return
         threads = [
-            threading.Thread(target=_train_all, args=(card, missing, end, output, fronts, lock))
+            threading.Thread(
+                target=_train_all, args=(card, missing, end, output, fronts, lock), daemon=True
+            )
             for card in (range(cards) if cards else [None])
         ]
         for thread in threads:
@@ -191,8 +196,8 @@ def _train_all(
         start = time.monotonic()
         try:
             rows = pool.submit(measured, job, fronts, "cpu" if card is None else None).result()
-        except (MorlaxError, BrokenProcessPool, RuntimeError) as error:
-            rows = [{"evaluation": "crash", "error": " ".join(str(error).split())}]
+        except Exception as error:  # else the run would be tried again without end
+            rows = [{"evaluation": "crash", "error": words(error)}]
             pool.shutdown(wait=False)
             pool = None  # a CUDA error leaves its process unusable
         with lock:

@@ -54,6 +54,9 @@ def main(
     runs = runs_of(read(rows))
     if not runs:
         raise MorlaxError(f"{rows} has no complete run: name a file that compare.py has written.")
+    if ours not in _methods(runs):
+        names = ", ".join(_methods(runs))
+        raise MorlaxError(f"{rows} has no method {ours!r}: use --ours with one of {names}.")
     for evaluation in ("noised", "best"):
         console.print(f"Hypervolume, {evaluation}\n\n{volumes_table(runs, evaluation)}")
     console.print(f"Difference to {ours}, %\n\n{differences_table(runs, ours)}")

@@ -47,18 +47,18 @@ def main(
         device: "cuda" or "cpu" (None: CUDA if there is a GPU).
         output: The CSV file.
     """
-    place = resolve_device(device)
-    policy = morlax_torch.load(run, place)
+    target = resolve_device(device)
+    policy = morlax_torch.load(run, target)
     space = DesignSpace(policy.agent.designs)
-    usual = evaluate(policy, device=str(place)).hypervolume
+    usual = evaluate(policy, device=str(target)).hypervolume
     console.print(f"body of the run: {usual:.4e}")
     rows = []
     for design in space.spread(bodies, UNSEEN):
         named = space.named(design)
-        family = evaluate(policy.for_design(named), device=str(place)).hypervolume
+        family = evaluate(policy.for_design(named), device=str(target)).hypervolume
         row = {**named, "family": family}
         if seconds:
-            row["specialist"] = specialist(policy, named, seconds, clusters, seed, place.type)
+            row["specialist"] = specialist(policy, named, seconds, clusters, seed, target.type)
         rows.append(row)
         with output.open("w", newline="") as file:
             writer = csv.DictWriter(file, row)

@@ -33,26 +33,13 @@ def groups(number: int) -> dict[str, dict[str, float]]:
     return objectives
 
 
-class Two(Many):
+def robot(number: int) -> type[Many]:
+    """Return the robot with so many objectives."""
+
     class Options(Cheetah.Options):
-        objectives: Objectives = groups(2)
+        objectives: Objectives = groups(number)
+
+    return type("Robot", (Many,), {"Options": Options})
 
 
-class Three(Many):
-    class Options(Cheetah.Options):
-        objectives: Objectives = groups(3)
-
-
-class Four(Many):
-    class Options(Cheetah.Options):
-        objectives: Objectives = groups(4)
-
-
-class Six(Many):
-    class Options(Cheetah.Options):
-        objectives: Objectives = groups(6)
-
-
-class Eight(Many):
-    class Options(Cheetah.Options):
-        objectives: Objectives = groups(8)
+Two, Three, Four, Six, Eight = (robot(number) for number in (2, 3, 4, 6, 8))

@@ -36,10 +36,10 @@ def main(
         device: cuda or cpu (None: CUDA if available).
         output: CSV file of rows.
     """
-    place = resolve_device(device)
+    target = resolve_device(device)
     rows, fronts, verdicts = [], [], []
     for run in runs:
-        policy = load(run, place)
+        policy = load(run, target)
         walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
         free = {"non-dominated": str((~dominated(walks.returns, walks.returns)).sum())}
         for label, index in (("best tracking", walks.best), ("least power", walks.cheapest)):
@@ -50,7 +50,7 @@ def main(
         task = policy.config.env.rpartition(":")[2]
         loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})
         config = policy.config.model_copy(update={"task": loud})
-        peer = mjlab_peer.load_peer(task, file, str(place))
+        peer = mjlab_peer.load_peer(task, file, str(target))
         walks = walk(peer, config, tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
         better = [

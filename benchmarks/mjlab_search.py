@@ -48,12 +48,12 @@ def main(
         device: cuda or cpu (None: CUDA if available).
         output: Folder for a CSV file of rows, and for each trial's policies and front.
     """
-    place = str(resolve_device(device))
+    target = str(resolve_device(device))
     listed = yaml.safe_load(given.read_text())
     output.mkdir(parents=True, exist_ok=True)
     for number in trials or range(len(listed)):
         changes = listed[number] or {}
-        config = config_for(f"mjlab:{task}", seed=seed, device=place, **changes)
+        config = config_for(f"mjlab:{task}", seed=seed, device=target, **changes)
         morlax = MORLAX(config.make_worlds(config.worlds, config.seed), config)
         morlax.compile()
         start = shown = time.perf_counter()

@@ -39,14 +39,14 @@ def main(
         device: cuda or cpu (None: CUDA if available).
         profile: file for a profile of exploring.
     """
-    place = str(resolve_device(device))
-    config = config_for(f"mjlab:{task}", worlds=worlds, device=place)
+    target = str(resolve_device(device))
+    config = config_for(f"mjlab:{task}", worlds=worlds, device=target)
     env = config.make_worlds(worlds, config.seed)
     morlax = MORLAX(env, config)
     morlax.compile()
-    peer = mjlab_peer.make_runner(task, worlds, place)
+    peer = mjlab_peer.make_runner(task, worlds, target)
     horizon = peer.cfg["num_steps_per_env"]
-    action = torch.zeros(worlds, env.action_size, device=place)
+    action = torch.zeros(worlds, env.action_size, device=target)
 
     def peer_learns() -> None:
         with contextlib.redirect_stdout(io.StringIO()):
@@ -67,7 +67,7 @@ def main(
     for _ in range(rounds):
         for name, (run, steps) in things.items():
             best[name] = min(best[name], _seconds(run, iterations * (20 if steps == 1 else 1)))
-    table = Table("", "ms", "environment steps/s", title=f"{task}, {worlds} worlds, {place}")
+    table = Table("", "ms", "environment steps/s", title=f"{task}, {worlds} worlds, {target}")
     for name, (_, steps) in things.items():
         rate = worlds * steps / best[name]
         table.add_row(name, f"{1000 * best[name]:.2f}", f"{rate:,.0f}")

@@ -55,15 +55,15 @@ def main(
         seconds: Approximate duration of each measurement, in seconds.
         output: CSV file to write.
     """
-    place, version = resolve_device(device), mujoco_warp.__version__
+    target, version = resolve_device(device), mujoco_warp.__version__
     with open(output or os.devnull, "w", newline="", buffering=1) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for task in env:
-            before = steps_per_second(task, worlds, "", place, seconds)
+            before = steps_per_second(task, worlds, "", target, seconds)
             for trial in trials:
-                found = steps_per_second(task, worlds, trial, place, seconds)
-                after = steps_per_second(task, worlds, "", place, seconds)
+                found = steps_per_second(task, worlds, trial, target, seconds)
+                after = steps_per_second(task, worlds, "", target, seconds)
                 ratio = 2 * found / (before + after)
                 writer.writerow([task, trial, before, found, after, ratio, version])
                 console.print(f"{task} {trial}: {found:.4g} steps/s, {ratio:.3f} times as fast")

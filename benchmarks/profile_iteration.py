@@ -30,11 +30,11 @@ def main(
         top: Number of kernels to list per phase.
         output: CSV file of all kernels: phase, kernel, calls and ms per iteration.
     """
-    place = resolve_device(None)
+    target = resolve_device(None)
     config = config_for(env, **({"worlds": worlds} if worlds else {}))
     morlax = MORLAX(config.make_worlds(config.worlds, config.seed), config)
     morlax.compile()
-    physics = Graph(lambda: [morlax.env.physics.step() for _ in range(config.horizon)], place)
+    physics = Graph(lambda: [morlax.env.physics.step() for _ in range(config.horizon)], target)
     physics.record()
     lines = ["phase,kernel,calls,ms"]
     for phase, graph in {

@@ -84,17 +84,17 @@ def main(
     rows = read(path)
     for task in env:
         for limit in sorted(limits):
-            target, found = TARGETS[goal][task], []
+            target, volumes = TARGETS[goal][task], []
             for seed in seeds:
                 row = rows.get((task, limit, seed))
                 if row is None:
                     row = rows[task, limit, seed] = measured(task, limit, seed, device)
                     append(path, row)
                     console.print(str(row))
-                found.append(row.hypervolume)
-                if sum(volume < target for volume in found) > len(seeds) // 2:
+                volumes.append(row.hypervolume)
+                if sum(volume < target for volume in volumes) > len(seeds) // 2:
                     break
-            if len(found) == len(seeds) and median(found) >= target:
+            if len(volumes) == len(seeds) and median(volumes) >= target:
                 break
     table = markdown(list(rows.values()), len(seeds))
     console.print(table)
@@ -103,10 +103,18 @@ def main(
 
 def measured(task: str, limit: float, seed: int, device: str | None) -> Row:
     """Run the command, load its best checkpoint and evaluate it."""
-    place = ("--device", device) if device else ()
+    device_options = ("--device", device) if device else ()
     with TemporaryDirectory() as folder:
         run = Path(folder) / "run"
-        options = ("--env", task, "--max-seconds", f"{limit:g}", "--seed", str(seed), *place)
+        options = (
+            "--env",
+            task,
+            "--max-seconds",
+            f"{limit:g}",
+            "--seed",
+            str(seed),
+            *device_options,
+        )
         start = time.perf_counter()
         subprocess.run(
             [sys.executable, "-m", "morlax_torch.train", *options, "--output", str(run)],

@@ -34,12 +34,12 @@ def main(
         seconds: Approximate duration of each measurement, in seconds.
         output: CSV file to write.
     """
-    place = resolve_device(device)
+    target = resolve_device(device)
     rows = []
     for task in env:
-        for number in worlds or (config_for(task, device=str(place)).worlds,):
-            rows.append(measure(task, number, place, seconds))
-    table = Table(title=str(place))
+        for number in worlds or (config_for(task, device=str(target)).worlds,):
+            rows.append(measure(task, number, target, seconds))
+    table = Table(title=str(target))
     for column in rows[0]:
         table.add_column(column.replace("_", " "), justify="right")
     for row in rows:
