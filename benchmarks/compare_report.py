@@ -1,6 +1,6 @@
 """Tables and figures of a comparison, from the rows that compare.py has written.
 
-    python benchmarks/compare_report.py rows.csv --ours MORLAX --figures docs/figures
+    python benchmarks/compare_report.py --rows rows.csv --ours MORLAX --figures docs/figures
 
 A run counts with the hypervolume of its best checkpoint from noised starts. Tables have the median
 over seeds and its bootstrap interval of 95 %. Differences are paired by seed.
