@@ -6,7 +6,7 @@ from torch import nn
 
 from ..configuration.config import Config
 from ..configuration.sections import baseline
-from ..envs import Worlds
+from ..envs import MorlaxError, Worlds
 from ..gpu.group import ALONE, Group
 from .hyper_sac import HyperSAC
 from .learner import Learner
@@ -30,6 +30,8 @@ def make_learner(
     group: Group = ALONE,
 ) -> Learner:
     """Make the learner of the config's algorithm; `MORLAX` explains the arguments and errors."""
+    if config.algorithm == "rsl-rl":
+        raise MorlaxError("algorithm rsl-rl trains in rsl_rl's own runner (docs/rsl-rl.md).")
     module = baseline(config.algorithm, "learner")
     make = module.LEARNER if module else LEARNERS[config.algorithm]
     return make(env, config, actor=actor, critic=critic, group=group)

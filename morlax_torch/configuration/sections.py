@@ -10,9 +10,9 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt
 from ..envs.worlds.options import Count, Section
 
 Algorithm = Literal[
-    "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent"
+    "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent", "rsl-rl"
 ]
-ALGORITHMS: tuple[str, ...] = get_args(Algorithm)
+ALGORITHMS: tuple[str, ...] = get_args(Algorithm)[:-1]  # rsl-rl trains in rsl_rl's own runner
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of Adam's moments, per step; keeps its steps finite
 
@@ -171,6 +171,16 @@ class HyperMORLOptions(MethodOptions):
     warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
 
 
+class RslRlOptions(MethodOptions):
+    """What the networks of `ParetoPPO` have that others have not."""
+
+    activation: Annotated[str, Field(pattern=r"^\w+$")] = "ELU"
+    """Class of torch.nn of the actors' activations."""
+
+    def agent_class(self) -> Any:
+        return import_module("morlax_torch.networks.unbounded").RslRlAgent
+
+
 class OffPolicyOptions(MethodOptions):
     """Options of the algorithms that learn from a replay."""
 
@@ -217,7 +227,11 @@ class HyperSACOptions(OffPolicyOptions):
         check_multiple("batch", self.batch, clusters, " (sampling.clusters)")
 
 
-OPTIONS = {"hyper-sac": HyperSACOptions, "hyper-morl": HyperMORLOptions}
+OPTIONS = {
+    "hyper-sac": HyperSACOptions,
+    "hyper-morl": HyperMORLOptions,
+    "rsl-rl": RslRlOptions,
+}
 BASELINES = ("pg-morl", "pd-morl")  # packages of `morlax_torch.baselines`
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 

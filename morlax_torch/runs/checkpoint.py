@@ -33,6 +33,7 @@ from .progress import Progress
 from .references import check_model, code_of, localized, model_of
 
 FORMAT = 2
+RSL_RL = "morlax_torch"  # key of the policies in a checkpoint of rsl_rl
 POLICY = ("actor.", "observation_normalizer.")  # beginnings of the names of what policies need
 Size = Annotated[int, Field(ge=1, le=2**24)]
 
@@ -125,6 +126,7 @@ def load(path: Path) -> Contents:
     try:
         _check_sums(data)
         values = torch.load(data, map_location="cpu", weights_only=True)
+        values = values.get(RSL_RL, values)
         number = values["format"]
     except MemoryError:
         raise

@@ -1,0 +1,285 @@
+"""rsl_rl's own PPO for a family of policies: one hypernetwork for every trade-off."""
+
+import os
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from typing import Any
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.extensions import resolve_symmetry_config
+from rsl_rl.models import MLPModel
+from rsl_rl.utils import resolve_callable, resolve_obs_groups
+from tensordict import TensorDict
+from torch import Tensor
+
+from ..configuration.config import Config
+from ..configuration.tradeoffs import even_tradeoffs, parse_tradeoff, sample_cells
+from ..envs import MorlaxError
+from ..envs.errors import LONGEST, line
+from ..envs.worlds.options import check_objectives
+from ..runs.checkpoint import RSL_RL
+from .pareto_options import ParetoOptions, take_options
+from .reward_terms import ObjectiveRewards, terms_of
+from .rsl_rl_checkpoint import FAMILY, config_of, contents, halved
+from .rsl_rl_family import FamilyModel, FamilyStorage, WorldFront
+
+TRADEOFF = "MORLAX_TRADEOFF"  # environment variable: what an unmodified `play` shows
+
+
+class ParetoPPO(PPO):
+    """rsl_rl's PPO with one hypernetwork of policies for every trade-off between objectives.
+
+        class_name: morlax_torch.rsl_rl:ParetoPPO
+
+    in the section `algorithm` of an rsl_rl config, beside the options of PPO and of
+    `ParetoOptions`; a YAML file that the environment variable MORLAX_PARETO names may hold the
+    latter. Every rollout learns K trade-offs. The reward of a trade-off w is guide + sum_i w_i r_i,
+    whose advantages are estimated per objective, weighted by w and normalized per trade-off. The
+    update is rsl_rl's own.
+
+    Every checkpoint also holds the plain actor of the balanced trade-off, which an unmodified play
+    script loads, and the family as a run of morlax, if `task` names it. The environment
+    variable MORLAX_TRADEOFF changes what such a script shows: weights such as 0.2,0.8, or `all`,
+    which spreads trade-offs over the worlds.
+
+    Args:
+        actor, critic: of m objectives.
+        storage: rows of the worlds that learn, the first ones.
+        rewards: binds to the worlds when training starts, and returns their rewards.
+        front: of the other worlds.
+        objectives: their names.
+        config: returns that of the policies as a run of morlax, if they can be one.
+        ppo: further arguments of PPO.
+    """
+
+    actor: FamilyModel
+    critic: FamilyModel
+    storage: FamilyStorage
+
+    def __init__(
+        self,
+        actor: FamilyModel,
+        critic: FamilyModel,
+        storage: FamilyStorage,
+        *,
+        rewards: Callable[[], ObjectiveRewards],
+        front: WorldFront | None,
+        objectives: Sequence[str],
+        config: Callable[[ObjectiveRewards], Config | None],
+        **ppo: Any,
+    ):
+        super().__init__(actor, critic, storage, **ppo)
+        self.front, self.objectives = front, [*objectives]
+        self._bind, self._make_config = rewards, config
+        self._rewards: ObjectiveRewards | None = None
+        self._config: Config | None = None
+        self._centers = actor.tradeoffs
+        self._paid = torch.zeros_like(actor.tradeoffs[0])
+        self._logged: dict[str, float] = {}
+
+    @staticmethod
+    def construct_algorithm(
+        obs: TensorDict, env: Any, cfg: dict[str, Any], device: str
+    ) -> "ParetoPPO":
+        """Construct the algorithm from rsl_rl's config, for its runner.
+
+        Raises:
+            MorlaxError: an option is wrong, or a model or an extension of rsl_rl is not supported.
+        """
+        algorithm = resolve_symmetry_config(cfg["algorithm"], env)
+        kind = resolve_callable(algorithm.pop("class_name"))
+        options = take_options(algorithm)
+        _check_supported(cfg)
+        cfg["obs_groups"] = groups = resolve_obs_groups(obs, cfg["obs_groups"], ["actor", "critic"])
+        bind = cache(lambda: _rewards_of(env, options))
+        names = [*(options.objectives or bind().objectives)]
+        try:
+            check_objectives(names)
+        except ValueError as error:
+            raise MorlaxError(f"{error}.") from None
+        worlds, m, K = env.num_envs, len(names), options.tradeoffs
+        front = None
+        if worlds < K + options.evaluation_worlds:  # too few to learn
+            K = 1
+        elif options.evaluation_worlds:
+            front = WorldFront(options.evaluation_worlds, m, options.reference_point, device)
+        learning = worlds - (front.worlds if front else 0)
+
+        def model(name: str, outputs: int) -> FamilyModel:
+            network = {key: value for key, value in cfg[name].items() if key != "class_name"}
+            family = FamilyModel(obs[:1], groups, name, outputs, m, options.features, **network)
+            return family.to(device)
+
+        actor, critic = model("actor", env.num_actions), model("critic", m)
+        shown = os.environ.get(TRADEOFF)
+        if shown:
+            every = even_tradeoffs(max(worlds, m), m)
+            chosen = (
+                every
+                if shown == "all"
+                else torch.tensor([parse_tradeoff(shown, names)], dtype=torch.float32)
+            )
+            actor.shown = critic.shown = chosen.to(device)
+        storage = FamilyStorage(
+            *(m, K, "rl", learning, cfg["num_steps_per_env"], obs[:learning]),
+            *([env.num_actions], device),
+        )
+        return kind(
+            *(actor, critic, storage),
+            device=device,
+            rewards=bind,
+            front=front,
+            objectives=names,
+            config=partial(config_of, env, options, cfg, actor, storage),
+            multi_gpu_cfg=cfg["multi_gpu"],
+            **algorithm,
+        )
+
+    def act(self, obs: TensorDict) -> Tensor:
+        if self.storage.step == 0:
+            self._begin_rollout()
+        learning = self.storage.num_envs
+        actions = super().act(obs[:learning])
+        if self.front is None:
+            return actions
+        rows = self.actor.get_latent(obs[learning:])[:, None]
+        outputs = self.actor.family.run(self._graded, rows)[:, 0]
+        assert self.actor.distribution is not None
+        return torch.cat([actions, self.actor.distribution.deterministic_output(outputs)])
+
+    def _begin_rollout(self) -> None:
+        K = self.storage.tradeoffs
+        if self._rewards is None:
+            _check_sizes(self.storage, self.num_mini_batches)
+            self._rewards = self._bind()
+            self._config = self._make_config(self._rewards)
+            m = self.actor.tradeoffs.shape[1]
+            self._centers = even_tradeoffs(max(K, m), m).to(self.device)
+        tradeoffs = torch.empty_like(self._centers)
+        sample_cells(tradeoffs, self._centers)
+        self.actor.begin_rollout(tradeoffs[:K])
+        self.critic.begin_rollout(tradeoffs[:K])
+        self._paid.zero_()
+        if self.front:
+            self._graded = self.actor.family(self.front.tradeoffs)
+
+    def process_env_step(
+        self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: dict[str, Any]
+    ) -> None:
+        learning = self.storage.num_envs
+        assert self._rewards is not None
+        parts, guide = self._rewards(rewards)
+        learned = {name: extras[name][:learning] for name in extras if name == "time_outs"}
+        total = (parts + guide)[:learning]
+        super().process_env_step(obs[:learning], total, dones[:learning], learned)
+        self._paid += parts.mean(0)
+        if self.front:
+            self.front.observe(parts[learning:], dones[learning:])
+        if self.storage.step == self.storage.num_transitions_per_env:
+            paid = (self._paid / self.storage.step).tolist()
+            pairs = zip(self.objectives, paid, strict=True)
+            self._logged = {f"Pareto/{name}": value for name, value in pairs}
+            front = self.front.indicators() if self.front else {}
+            self._logged |= {f"Pareto/{name}": value for name, value in front.items()}
+        log = extras["episode"] if "episode" in extras else extras.setdefault("log", {})
+        log |= self._logged
+
+    def compute_returns(self, obs: TensorDict) -> None:
+        storage, per_batch = self.storage, self.normalize_advantage_per_mini_batch
+        self.normalize_advantage_per_mini_batch = True  # not across trade-offs, as it would here
+        super().compute_returns(obs[: storage.num_envs])
+        self.normalize_advantage_per_mini_batch = per_batch
+        weights = self.actor.tradeoffs
+        each = storage.advantages.unflatten(1, (-1, len(weights)))  # (T, N / K, K, m)
+        weighted = (each * weights).sum(-1)
+        std, mean = torch.std_mean(weighted, (0, 1))
+        storage.advantages = ((weighted - mean) / (std + 1e-8)).flatten(1)[..., None]
+        self.actor.end_rollout()
+        self.critic.end_rollout()
+
+    def save(self) -> dict[str, Any]:
+        """Return the checkpoint: the family, its optimizer, and a plain actor."""
+        shown = self.actor.shown[0]
+        saved = {
+            "actor_state_dict": self.actor.plain(shown).state_dict(),
+            FAMILY: {
+                "objectives": self.objectives,
+                "std_name": self.actor.std_name,
+                "actor": self.actor.state_dict(),
+                "critic": self.critic.state_dict(),
+                "shapes": {
+                    name: dict(getattr(self, name).family.shapes) for name in ("actor", "critic")
+                },
+                "optimizer": halved(self.optimizer.state_dict()),
+                "front": self.front.state_dict() if self.front else {},
+            },
+        }
+        if self._config is not None:
+            saved[RSL_RL] = contents(self.actor, self._config, self.storage)
+        return saved
+
+    def load(self, loaded_dict: dict[str, Any], load_cfg: dict | None, strict: bool) -> bool:
+        """Load a family, or start every trade-off from the policy of a plain checkpoint.
+
+        Raises:
+            MorlaxError: the family has other objectives, features or layers.
+        """
+        family = loaded_dict.get(FAMILY)
+        if family is None:
+            self.actor.start_from(loaded_dict["actor_state_dict"])
+            if load_cfg is None or load_cfg.get("critic"):
+                self.critic.start_from(loaded_dict["critic_state_dict"])
+            return False
+        states = {
+            "actor_state_dict": family["actor"],
+            "critic_state_dict": family["critic"],
+            "optimizer_state_dict": family["optimizer"],
+        }
+        if self.front and load_cfg is None:
+            self.front.load_state_dict(family["front"])
+        try:
+            return super().load(states, load_cfg, strict)
+        except RuntimeError as error:
+            raise MorlaxError(
+                "the checkpoint holds a family of other objectives, features or layers: train with "
+                f"the options that it was written with ({line(error)[:LONGEST]})."
+            ) from None
+
+
+def _check_supported(cfg: dict[str, Any]) -> None:
+    algorithm = cfg["algorithm"]
+    for name in ("actor", "critic"):
+        kind = resolve_callable(cfg[name].get("class_name", "MLPModel"))
+        if kind is not MLPModel:
+            raise MorlaxError(
+                f"the {name} is a {kind.__name__}, but ParetoPPO trains MLPModel: recurrent and "
+                "convolutional models are not supported."
+            )
+    if algorithm.get("rnd_cfg"):
+        raise MorlaxError("ParetoPPO has no curiosity rewards: remove rnd_cfg.")
+    if cfg.get("torch_compile_mode"):
+        raise MorlaxError("ParetoPPO does not compile its models: remove torch_compile_mode.")
+    algorithm.pop("share_cnn_encoders", None)
+    algorithm["rnd_cfg"] = None  # the runner reads it
+
+
+def _check_sizes(storage: FamilyStorage, minibatches: int) -> None:
+    """Raise MorlaxError unless K divides worlds and minibatches; name the next one that does."""
+
+    def fits(k: int) -> bool:
+        rows = storage.num_envs // k * storage.num_transitions_per_env
+        return storage.num_envs % k == 0 and rows % minibatches == 0
+
+    K = storage.tradeoffs
+    if not fits(K):
+        lower = next((k for k in range(K, 1, -1) if fits(k)), 1)
+        raise MorlaxError(
+            f"tradeoffs ({K}) must divide the {storage.num_envs} worlds that learn, and each "
+            f"of the {minibatches} minibatches: set tradeoffs to {lower}, or change the number of "
+            "worlds or evaluation_worlds."
+        )
+
+
+def _rewards_of(env: Any, options: ParetoOptions) -> ObjectiveRewards:
+    return ObjectiveRewards(terms_of(env, options.terms), options.objectives, options.guide)

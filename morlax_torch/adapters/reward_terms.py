@@ -1,0 +1,194 @@
+"""The reward terms of worlds that other programs train in, grouped into objectives."""
+
+from collections.abc import Callable, Mapping
+from fnmatch import fnmatchcase
+from functools import partial
+from importlib import import_module
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from ..envs import MorlaxError
+from ..envs.errors import unknown, user_code
+
+Weights = Mapping[str, float]  # factors by a term's name, or by a pattern such as track_*
+WATCHED = 1e-6  # weight of a term that the host does not pay, so that it computes the term
+TOLERANCE = 1e-3  # of the sum of terms, relative to the reward
+
+
+class Terms(Protocol):
+    """The reward terms of N worlds, as the host pays them: with its weights and its time step."""
+
+    weights: dict[str, float]
+    """The host's weight of every term; 0.0: it does not pay the term."""
+
+    def watch(self, name: str) -> float:
+        """Let the host compute a term that it does not pay; returns what to multiply it by."""
+        ...
+
+    def read(self) -> Tensor:
+        """Return the terms (N, t) of the last step, in the order of `weights`."""
+        ...
+
+
+class ManagerTerms:
+    """The terms of a reward manager, as in mjlab and Isaac Lab."""
+
+    def __init__(self, env: Any):
+        self._env, self._manager = env, env.reward_manager
+        configs = {name: self._manager.get_term_cfg(name) for name in self._manager.active_terms}
+        self._configs = configs
+        self.weights = {name: float(term.weight) for name, term in configs.items()}
+        scaled = getattr(env.cfg, "scale_rewards_by_dt", True)
+        self._time_step = env.step_dt if scaled else 1.0
+
+    def watch(self, name: str) -> float:
+        self._configs[name].weight = WATCHED
+        return 1 / WATCHED
+
+    def read(self) -> Tensor:
+        return self._manager._step_reward * self._time_step
+
+
+class FunctionTerms:
+    """The terms of `env.reward_functions`, as in Genesis (by name) and legged_gym (a list).
+
+    The functions are wrapped, and keep what they returned last.
+    """
+
+    def __init__(self, env: Any):
+        functions = env.reward_functions
+        by_name = isinstance(functions, dict)
+        names: list[str] = [*(functions if by_name else env.reward_names)]
+        keys: list[Any] = [*(functions if by_name else range(len(functions)))]
+        self._scales = env.reward_scales
+        self.weights = {name: float(self._scales[name]) for name in names}
+        self._paid: dict[str, Tensor] = {}
+        for key, name in zip(keys, names, strict=True):
+            functions[key] = partial(self._call, name, functions[key])
+
+    def _call(self, name: str, function: Callable[[], Tensor]) -> Tensor:
+        value = function()
+        self._paid[name] = value * self._scales[name]
+        return value
+
+    def watch(self, name: str) -> float:
+        raise MorlaxError(f"the reward term {name} has no scale: give it one in the environment.")
+
+    def read(self) -> Tensor:
+        return torch.stack([self._paid[name] for name in self.weights], -1)
+
+
+class CalledTerms:
+    """The terms that a user's "MODULE:FUNCTION" reads from the worlds: name -> (N,)."""
+
+    def __init__(self, env: Any, name: str):
+        module, _, function = name.partition(":")
+        with user_code(f"the reward terms {name} cannot be read"):
+            self._read = partial(getattr(import_module(module), function), env)
+            self.weights = dict.fromkeys(self._read(), 1.0)
+
+    def watch(self, name: str) -> float:
+        return 1.0
+
+    def read(self) -> Tensor:
+        values = self._read()
+        return torch.stack([values[name] for name in self.weights], -1)
+
+
+def terms_of(env: Any, reader: str | None = None) -> Terms:
+    """Return the reward terms of an environment; `reader` names a function for unknown ones."""
+    base = getattr(env, "unwrapped", env)
+    if reader:
+        return CalledTerms(base, reader)
+    if hasattr(base, "reward_manager"):
+        return ManagerTerms(base)
+    if getattr(base, "reward_functions", None):
+        return FunctionTerms(base)
+    raise MorlaxError(
+        f"{type(base).__name__} has no reward_manager and no reward_functions: name a function "
+        "that reads its reward terms, terms: MODULE:FUNCTION."
+    )
+
+
+class ObjectiveRewards:
+    """Turns the reward terms of a step into rewards per objective.
+
+    Args:
+        terms: of the worlds.
+        objectives: per objective, the factor of each of its terms. None: all terms with a positive
+            weight, `rewards`, against all others, `costs`, or each term if weights are unknown.
+        guide: factors of the terms that every trade-off learns from. None: with given objectives,
+            the terms that no objective has; else the whole reward.
+    """
+
+    def __init__(
+        self,
+        terms: Terms,
+        objectives: Mapping[str, Weights] | None = None,
+        guide: Weights | None = None,
+    ):
+        self._terms, weights = terms, terms.weights
+        paid = {name: weight for name, weight in weights.items() if weight}
+        if objectives is None:
+            guide = {"*": 1.0} if guide is None else guide
+            signs = {"rewards": 1, "costs": -1}
+            objectives = {
+                name: {term: 1.0 for term, weight in paid.items() if weight * sign > 0}
+                for name, sign in signs.items()
+            }
+            if isinstance(terms, CalledTerms):
+                objectives = {name: {name: 1.0} for name in weights}
+            elif not all(objectives.values()):
+                raise MorlaxError(
+                    "all reward terms have the same sign, so nothing is to trade off: name the "
+                    "objectives."
+                )
+        groups = {name: self._expanded(group) for name, group in objectives.items()}
+        if guide is None:
+            used = {term for group in groups.values() for term in group}
+            guide = dict.fromkeys((name for name in paid if name not in used), 1.0)
+        self.objectives: dict[str, dict[str, float]] = groups
+        self.guide: dict[str, float] = self._expanded(guide)
+        rows = [*groups.values(), self.guide]
+        used = {term for group in rows for term in group}
+        factors = {term: terms.watch(term) for term in sorted(used) if not weights[term]}
+        self._matrix = torch.tensor(
+            [[row.get(name, 0.0) * factors.get(name, 1.0) for row in rows] for name in weights],
+            dtype=torch.float32,
+        )  # (t, m + 1)
+        self._checked = isinstance(terms, CalledTerms)  # whose terms need not be the reward's
+
+    def _expanded(self, group: Weights) -> dict[str, float]:
+        """Return factors by names of terms; patterns stand for terms that the host pays."""
+        factors: dict[str, float] = {}
+        weights = self._terms.weights
+        for pattern, factor in group.items():
+            names = [name for name in weights if weights[name] and fnmatchcase(name, pattern)]
+            names = [pattern] if pattern in weights else names
+            if not names:
+                raise unknown("reward term", pattern, weights)
+            factors |= dict.fromkeys(names, float(factor))
+        return {name: factor for name, factor in factors.items() if factor}
+
+    def __call__(self, reward: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the last step's rewards per objective (N, m), and the guide (N, 1).
+
+        Raises:
+            MorlaxError: the terms do not add up to the host's `reward` (N,).
+        """
+        terms = self._terms.read().to(reward.device)
+        if not self._checked:
+            self._checked = True
+            difference = float((terms.sum(-1) - reward).abs().max())
+            if not difference <= TOLERANCE * (1 + float(reward.abs().max())):
+                raise MorlaxError(
+                    f"the reward terms add up to another reward than the environment's (by up to "
+                    f"{difference:.2g}): it may clip rewards, such as legged_gym's "
+                    "only_positive_rewards, or name a function that reads them, terms: "
+                    "MODULE:FUNCTION."
+                )
+        self._matrix = self._matrix.to(terms)
+        rewards = terms @ self._matrix
+        return rewards[:, :-1], rewards[:, -1:]

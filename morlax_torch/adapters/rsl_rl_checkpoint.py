@@ -1,0 +1,152 @@
+"""Checkpoints of `ParetoPPO`: plain ones of rsl_rl, and runs of morlax."""
+
+import io
+import pickle
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import pad
+
+from ..configuration.config import Config, load_config
+from ..configuration.tradeoffs import one_tradeoff
+from ..envs import MorlaxError
+from ..host.files import AnyPath, read, write_file
+from ..networks.hypernetwork import Hypernetwork
+from ..networks.unbounded import GaussianMLP
+from ..runs.checkpoint import FORMAT, RSL_RL, Task
+from .pareto_options import ParetoOptions
+from .reward_terms import ObjectiveRewards
+from .rsl_rl_family import EPISODES, FamilyModel, FamilyStorage, plain_state
+
+FAMILY = "family"  # key of the family in a checkpoint
+ACTION_SCALE = 10.0  # largest action of a policy in our own worlds, if the host does not clip
+ACTIVATIONS = nn.ELU.__module__
+
+
+def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) -> None:
+    """Write the plain rsl_rl checkpoint of one trade-off (m,), which PPO itself loads.
+
+    It needs neither the worlds nor the host. Training can go on from it: its critic's values are
+    those of the weighted rewards, and its optimizer starts anew.
+
+    Raises:
+        MorlaxError: the file is no checkpoint of `ParetoPPO`, or the trade-off is invalid.
+    """
+    try:
+        data = io.BytesIO(read(Path(checkpoint), "checkpoint"))
+        loaded = torch.load(data, map_location="cpu", weights_only=True)
+        family = loaded.pop(FAMILY)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, AttributeError):
+        raise MorlaxError(f"{checkpoint} is no checkpoint that ParetoPPO has written.") from None
+    loaded.pop(RSL_RL, None)
+    weights = one_tradeoff(tradeoff, family["objectives"], torch.device("cpu"))
+    for name, shapes in family["shapes"].items():
+        state = family[name]
+        own = {k.removeprefix("family."): x for k, x in state.items() if k.startswith("family.")}
+        # a module of parameters with these shapes, in their order: ParameterDict sorts a dict, but
+        # not a list, and takes no dots
+        bias, names = own["bias"], [key.replace(".", "/") for key in shapes]
+        parts = bias.split([shape.numel() for shape in shapes.values()])
+        values = [part.view(shape) for part, shape in zip(parts, shapes.values(), strict=True)]
+        target = nn.ParameterDict([*zip(names, values, strict=True)])
+        hypernetwork = Hypernetwork(target, len(weights), num_features=own["weight"].shape[1])
+        hypernetwork.load_state_dict(own)
+        with torch.no_grad():
+            rows = hypernetwork(weights[None]).items()
+        parameters = {key.replace("/", "."): row[0] for key, row in rows}
+        others = {key: x for key, x in state.items() if key.startswith("obs_normalizer.")}
+        critic = weights / weights.sum() if name == "critic" else None
+        plain = plain_state(parameters, family["std_name"], critic)
+        loaded[f"{name}_state_dict"] = others | plain
+    groups = family["optimizer"]["param_groups"]
+    number = sum(len(family["shapes"][name]) for name in family["shapes"])
+    loaded["optimizer_state_dict"] = {
+        "state": {},
+        "param_groups": [{**groups[0], "params": [*range(number)]}],
+    }
+    buffer = io.BytesIO()
+    torch.save(loaded, buffer)
+    write_file(Path(output), buffer.getbuffer())
+
+
+def config_of(
+    env: Any,
+    options: ParetoOptions,
+    cfg: dict[str, Any],
+    actor: FamilyModel,
+    storage: FamilyStorage,
+    rewards: ObjectiveRewards,
+) -> Config | None:
+    """Return the config of the policies as a run of morlax; None if it cannot have one."""
+    activations = [x for x in actor.family.target.modules() if type(x).__module__ == ACTIVATIONS]
+    plain = isinstance(actor.family.target, GaussianMLP) and len(actor.obs_groups) == 1
+    if options.task is None or not plain:
+        return None
+    task = {
+        "objectives": rewards.objectives,
+        "guide": rewards.guide,
+        "reference_point": options.reference_point,
+        "action_scale": cfg.get("clip_actions") or ACTION_SCALE,
+        "episode_length": int(env.max_episode_length),
+    }
+    return load_config(
+        {
+            "env": options.task,
+            "algorithm": "rsl-rl",
+            "seed": cfg.get("seed", 0),
+            "worlds": storage.num_envs,
+            "horizon": storage.num_transitions_per_env,
+            "sampling": {"clusters": storage.tradeoffs, "corners": 0, "cells": True},
+            "network": {"actor": cfg["actor"]["hidden_dims"], "features": options.features},
+            "ppo": {"minibatches": 1},
+            "evaluation": {"tradeoffs": 64, "seeds": EPISODES},
+            "method": {"activation": type(activations[0]).__name__},
+            "task": task,
+        }
+    )
+
+
+def contents(actor: FamilyModel, config: Config, storage: FamilyStorage) -> dict[str, Any]:
+    """Return the policies as a checkpoint of morlax; it shares the tensors of the family."""
+    shapes = {name: value.shape[-1] for name, value in storage.observations.items()}
+    privileged = shapes.get("critic", 0) if actor.obs_groups != ["critic"] else 0
+    mean = torch.zeros(actor.obs_dim, dtype=torch.float32)
+    deviation = torch.ones_like(mean)
+    normalizer: Any = actor.obs_normalizer
+    if actor.obs_normalization:
+        mean, deviation = normalizer.mean.cpu(), normalizer.std.cpu() + normalizer.eps
+    statistics = {
+        "mean": pad(mean, (0, privileged)),
+        "variance": pad(deviation.square(), (0, privileged), value=1.0),
+        "scale": pad(1 / deviation, (0, privileged), value=1.0),
+        "count": torch.ones((), dtype=torch.float64),
+    }
+    task = Task(
+        objectives=tuple(config.task.objectives),
+        observation_size=actor.obs_dim,
+        action_size=storage.actions.shape[-1],
+        privileged_size=privileged,
+    )
+    return {
+        "format": FORMAT,
+        "config": config.model_dump(mode="json"),
+        "environment": task.model_dump(mode="json"),
+        "policy": {
+            **{f"actor.{name}": value for name, value in actor.family.state_dict().items()},
+            **{f"observation_normalizer.{name}": value for name, value in statistics.items()},
+        },
+    }
+
+
+def halved(state: dict[str, Any]) -> dict[str, Any]:
+    """Return an optimizer's state with moments in half the bytes."""
+    moments = {
+        index: {
+            name: x.bfloat16() if isinstance(x, Tensor) and x.ndim else x for name, x in row.items()
+        }
+        for index, row in state["state"].items()
+    }
+    return {**state, "state": moments}

@@ -1,0 +1,100 @@
+"""mjlab's own train and play commands, with a front; its checkpoint as a run of morlax."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import onnxruntime
+import pytest
+import torch
+
+from morlax_torch import load
+from morlax_torch.exports.exporting import export
+from morlax_torch.rsl_rl import specialize
+from morlax_torch.viewers.player import Player
+
+pytest.importorskip("mjlab", reason="needs the extra mjlab")
+
+TASK = "Velocity-Flat-Unitree-Go1"
+OPTIONS = {
+    "--env.scene.num-envs": 32,
+    "--agent.max-iterations": 2,
+    "--agent.num-steps-per-env": 8,
+    "--agent.logger": "tensorboard",
+    "--gpu-ids": None,
+}
+PARETO = {"--agent.algorithm.tradeoffs": 2, "--agent.algorithm.evaluation-worlds": 24}
+
+
+def run_train(monkeypatch: Any, task: str, folder: Path, **options: Any) -> Path:
+    """Run mjlab's command `train`; returns the folder of its checkpoints."""
+    from mjlab.scripts import train
+
+    words = [str(word) for pair in {**OPTIONS, **options}.items() for word in pair]
+    monkeypatch.setattr(sys, "argv", ["train", task, *words, "--log-root", str(folder)])
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    train.main()
+    return next(folder.glob("*/*/model_1.pt")).parent
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    with pytest.MonkeyPatch.context() as patch:
+        return run_train(patch, f"Pareto-{TASK}", tmp_path_factory.mktemp("logs"), **PARETO)
+
+
+def policy_of_play(monkeypatch: Any, task: str, checkpoint: Path) -> Any:
+    """Return the policy that mjlab's command `play` shows, after a few steps."""
+    from mjlab.scripts import play
+
+    class Viewer:
+        def __init__(self, env: Any, policy: Any, **others: Any):
+            self.env, self.policy = env, policy
+
+        def run(self) -> None:
+            with torch.inference_mode():
+                for _ in range(3):
+                    self.env.step(self.policy(self.env.get_observations()))
+            shown.append(self.policy)
+
+    shown: list[Any] = []
+    monkeypatch.setattr(play, "NativeMujocoViewer", Viewer)
+    settings = {"num_envs": 2, "device": "cpu", "viewer": "native"}
+    play.run_play(task, play.PlayConfig(checkpoint_file=str(checkpoint), **settings))
+    return shown[0]
+
+
+def test_mjlab_s_play_shows_the_front_s_policies(run, monkeypatch, tmp_path):
+    plain = policy_of_play(monkeypatch, f"Mjlab-{TASK}", run / "model_1.pt")
+    family = policy_of_play(monkeypatch, f"Pareto-{TASK}", run / "model_1.pt")
+    specialize(run / "model_1.pt", (1, 1, 1), tmp_path / "model_9.pt")
+    special = policy_of_play(monkeypatch, f"Mjlab-{TASK}", tmp_path / "model_9.pt")
+    observation = torch.randn(5, plain.obs_dim)
+    with torch.no_grad():
+        actions = [x({"actor": observation}) for x in (plain, family, special)]
+    torch.testing.assert_close(actions[1], actions[0])
+    torch.testing.assert_close(actions[2], actions[0])
+
+
+def test_a_checkpoint_of_mjlab_is_a_run(run, tmp_path):
+    policy = load(run)
+    assert policy.objectives == ("tracking", "smoothness", "effort")
+    weights = policy.reward_weights((1.0, 0.0, 0.0))
+    assert weights["track_linear_velocity"] == 4.0  # 3 beside mjlab's own reward
+    assert weights["action_rate_l2"] == 1.0 and not weights["electrical_power_cost"]
+    player = Player(policy, (0.2, 0.3, 0.5))
+    for _ in range(3):
+        player.step()
+    assert export(policy, tmp_path / "policy.onnx") < 1e-5
+    session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
+    assert len(session.get_inputs()) == 2  # the trade-off stays an input
+
+
+def test_one_flag_and_a_file_train_a_front_in_a_task_of_mjlab(monkeypatch, tmp_path):
+    file = tmp_path / "pareto.yaml"
+    file.write_text("{tradeoffs: 2, evaluation_worlds: 16}")
+    monkeypatch.setenv("MORLAX_PARETO", str(file))
+    flag = {"--agent.algorithm.class-name": "morlax_torch.rsl_rl:ParetoPPO"}
+    folder = run_train(monkeypatch, f"Mjlab-{TASK}", tmp_path / "logs", **flag)
+    family = torch.load(folder / "model_1.pt", weights_only=True)["family"]
+    assert family["objectives"] == ["rewards", "costs"]

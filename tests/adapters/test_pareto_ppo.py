@@ -1,0 +1,296 @@
+"""rsl_rl's own runner and update train a family of policies, in any host with reward terms."""
+
+import contextlib
+import io
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+import morlax_torch
+from morlax_torch import MorlaxError
+
+pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
+
+import points
+from points import OBJECTIVES, Points
+from rsl_rl.runners import OnPolicyRunner
+
+from morlax_torch.adapters.pareto_ppo import FamilyStorage
+from morlax_torch.adapters.reward_terms import ObjectiveRewards, terms_of
+from morlax_torch.rsl_rl import specialize
+
+pytestmark = pytest.mark.usefixtures("single_thread")
+TASK = f"{Path(points.__file__)}:PointsTask"
+PARETO = "morlax_torch.rsl_rl:ParetoPPO"
+
+
+def settings(kind: str = PARETO, **algorithm: Any) -> dict[str, Any]:
+    network = {"class_name": "MLPModel", "hidden_dims": [32, 32], "activation": "elu"}
+    network["obs_normalization"] = True
+    spread = {"class_name": "GaussianDistribution", "init_std": 0.5, "std_type": "scalar"}
+    options = {"objectives": OBJECTIVES, "tradeoffs": 8, "evaluation_worlds": 32}
+    algorithm = (options if kind == PARETO else {}) | algorithm
+    return {
+        "seed": 1,
+        "num_steps_per_env": 8,
+        "save_interval": 1000,
+        "logger": "tensorboard",
+        "obs_groups": {"actor": ["actor"], "critic": ["critic"]},
+        "actor": {**network, "distribution_cfg": spread},
+        "critic": dict(network),
+        "algorithm": {"class_name": kind, "gamma": 0.9, "entropy_coef": 0.0, **algorithm},
+    }
+
+
+def make(env: Any = None, kind: str = PARETO, folder: Any = None, **algorithm: Any) -> Any:
+    with contextlib.redirect_stdout(io.StringIO()):
+        return OnPolicyRunner(env or Points(), settings(kind, **algorithm), folder, "cpu")
+
+
+def learn(runner: Any, iterations: int, **options: Any) -> Any:
+    with contextlib.redirect_stdout(io.StringIO()):
+        runner.learn(iterations, **options)
+    return runner
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> tuple[Any, Path]:
+    """A runner after 60 iterations, and the folder of its checkpoints."""
+    torch.manual_seed(0)
+    folder = tmp_path_factory.mktemp("rsl_rl")
+    runner = make(folder=str(folder), task=TASK)
+    return learn(runner, 60, init_at_random_ep_len=True), folder
+
+
+def test_its_front_trades_off_and_tensorboard_shows_it(trained):
+    runner, folder = trained
+    returns = runner.alg.front.returns()  # from saving alone to tracking alone
+    assert returns[-1, 0] > returns[0, 0] + 1 and returns[0, 1] > returns[-1, 1] + 0.2
+    logged = EventAccumulator(str(folder)).Reload()
+    volumes = [event.value for event in logged.Scalars("Pareto/hypervolume")]
+    assert volumes[-1] > 0 and len(logged.Scalars("Pareto/tracking")) >= 59
+    assert logged.Scalars("Pareto/non_dominated")[-1].value >= 0.5
+
+
+def test_advantages_are_those_of_ppo_for_the_weighted_reward():
+    torch.manual_seed(1)
+    family = make(tradeoffs=1, evaluation_worlds=0).alg
+    plain = make(kind="PPO", normalize_advantage_per_mini_batch=True).alg
+    obs = family.storage.observations[0]
+    with torch.inference_mode():
+        family._begin_rollout()
+        weights = family.actor.tradeoffs[0]
+        for storage in (family.storage, plain.storage):
+            storage.dones.random_(0, 2)
+        plain.storage.dones.copy_(family.storage.dones)
+        rewards, values = torch.randn(2, *family.storage.rewards.shape)
+        family.storage.rewards.copy_(rewards)
+        family.storage.values.copy_(values)
+        plain.storage.rewards.copy_((rewards @ weights)[..., None])
+        plain.storage.values.copy_((values @ weights)[..., None])
+        plain.critic.load_state_dict(family.critic.plain(weights).state_dict())
+        family.compute_returns(obs)
+        plain.compute_returns(obs)
+    expected = plain.storage.advantages
+    expected = (expected - expected.mean()) / (expected.std() + 1e-8)
+    assert torch.allclose(family.storage.advantages, expected, atol=1e-5)
+
+
+def test_rows_of_minibatches_stay_with_their_tradeoffs():
+    storage = FamilyStorage(2, 8, "rl", 16, 6, Points(16).get_observations(), [2], "cpu")
+    storage.actions[:] = torch.arange(16.0)[:, None]
+    storage.actions_log_prob[:] = torch.arange(96.0).view(6, 16, 1)
+    storage.distribution_params = (storage.actions,)
+    batches = [*storage.mini_batch_generator(3, 2)]
+    assert len(batches) == 6
+    for batch in batches:
+        assert torch.equal(batch.actions[:, 0] % 8, torch.arange(32) % 8)
+    rows = torch.cat([batch.old_actions_log_prob[:, 0] for batch in batches[:3]])
+    assert torch.equal(rows.sort().values, torch.arange(96.0))  # each once
+    assert not torch.equal(rows, torch.arange(96.0))
+
+
+def test_a_specialized_checkpoint_is_that_of_unmodified_ppo(trained, tmp_path):
+    runner, folder = trained
+    tradeoff, file = torch.tensor([0.8, 0.2]), tmp_path / "model_7.pt"
+    specialize(folder / "model_59.pt", (4, 1), file)
+    plain = make(kind="PPO", folder=str(tmp_path))
+    plain.load(str(file))
+    obs = Points().get_observations()
+    obs["actor"].normal_()
+    with torch.no_grad():
+        runner.alg.eval_mode()
+        actions, values = (
+            x.run(obs, tradeoff[None]) for x in (runner.alg.actor, runner.alg.critic)
+        )
+        assert torch.allclose(plain.get_inference_policy()(obs), actions[:, 0], atol=1e-6)
+        assert torch.allclose(plain.alg.critic(obs)[:, 0], values @ tradeoff, atol=1e-5)
+    plain.alg.train_mode()
+    learn(plain, 2)  # with its own update
+    assert (tmp_path / f"model_{plain.current_learning_iteration}.pt").is_file()
+
+
+def test_an_unmodified_play_script_shows_the_balanced_tradeoff(trained):
+    runner, folder = trained
+    plain = make(kind="PPO")
+    plain.load(str(folder / "model_59.pt"), {"actor": True})
+    runner.alg.eval_mode()
+    obs = Points().get_observations()
+    with torch.no_grad():
+        expected = runner.alg.actor.run(obs, torch.tensor([[0.5, 0.5]]))[:, 0]
+        assert torch.allclose(plain.get_inference_policy()(obs), expected, atol=1e-6)
+
+
+def test_a_play_script_shows_the_tradeoffs_that_the_environment_names(trained, monkeypatch):
+    _, folder = trained
+    monkeypatch.setenv("MORLAX_TRADEOFF", "all")
+    runner = make(Points(5))
+    runner.load(str(folder / "model_59.pt"), {"actor": True})
+    policy, env = runner.get_inference_policy(), runner.env
+    with torch.no_grad():
+        for _ in range(3):
+            env.step(policy(env.get_observations()))
+    assert env.position[0].sum() < env.position[2].sum() < env.position[4].sum()
+
+
+def test_training_resumes_and_starts_from_a_plain_checkpoint(trained, tmp_path):
+    runner, folder = trained
+    again = make()
+    again.load(str(folder / "model_59.pt"))
+    assert again.current_learning_iteration == 59
+    state, expected = again.alg.actor.state_dict(), runner.alg.actor.state_dict()
+    assert all(torch.equal(state[name], expected[name]) for name in expected)
+    moments = [alg.optimizer.state_dict()["state"][2]["exp_avg"] for alg in (again.alg, runner.alg)]
+    assert torch.allclose(*moments, rtol=0.01, atol=1e-12)
+    learn(again, 1)
+
+    plain = learn(make(kind="PPO", folder=str(tmp_path)), 2)
+    family = make()
+    family.load(str(tmp_path / "model_1.pt"))
+    for policy in (plain, family):
+        policy.alg.eval_mode()
+    obs = Points().get_observations()
+    with torch.no_grad():
+        actions, values = plain.alg.actor(obs), plain.alg.critic(obs)
+        assert torch.allclose(family.alg.actor(obs), actions, atol=1e-6)
+        assert torch.allclose(family.alg.critic(obs), values.expand(-1, 2), atol=1e-5)
+    family.alg.train_mode()
+    learn(family, 1)
+
+
+def test_a_checkpoint_is_a_run(trained):
+    runner, folder = trained
+    policy = morlax_torch.load(folder, trust=True)  # the newest checkpoint
+    assert policy.objectives == ("tracking", "saving")
+    obs = Points().get_observations()
+    obs["actor"].normal_()
+    runner.alg.eval_mode()
+    for tradeoff in ((1.0, 0.0), (0.3, 0.7)):
+        with torch.no_grad():
+            expected = runner.alg.actor.run(obs, torch.tensor([tradeoff]))[:, 0]
+        actions = 10 * policy(obs["actor"], tradeoff)
+        assert torch.allclose(actions, expected, atol=1e-5)
+    assert policy.reward_weights((1.0, 0.0))["track_x"] == 1.0
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+def test_rsl_rl_exports_one_tradeoff(trained, tmp_path):
+    runner, _ = trained
+    runner.export_policy_to_jit(str(tmp_path))
+    runner.alg.eval_mode()
+    observation = torch.randn(3, 2)
+    with torch.no_grad():
+        actions = torch.jit.load(tmp_path / "policy.pt")(observation)
+        obs = Points(3).get_observations()
+        obs["actor"] = observation
+        assert torch.allclose(actions, runner.alg.actor(obs), atol=1e-6)
+
+
+def test_mirrored_data_keep_their_tradeoffs():
+    def mirrored(env: Any, obs: Any, actions: Any) -> Any:
+        return (
+            None if obs is None else torch.cat([obs, obs]),
+            None if actions is None else torch.cat([actions, actions.flip(1)]),
+        )
+
+    symmetry = {"data_augmentation_func": mirrored, "use_data_augmentation": True}
+    runner = make(symmetry_cfg={**symmetry, "use_mirror_loss": True, "mirror_loss_coeff": 0.1})
+    learn(runner, 2)
+
+
+@pytest.mark.parametrize("listed", [False, True], ids=["Genesis", "legged_gym"])
+def test_reward_functions_of_other_hosts_are_terms(listed):
+    env = SimpleNamespace(reward_scales={"height": 0.02, "energy": -0.1})
+    functions = {"height": lambda: torch.tensor([1.0, 2.0]), "energy": lambda: torch.ones(2)}
+    env.reward_functions = [*functions.values()] if listed else dict(functions)
+    env.reward_names = [*functions]
+    rewards = ObjectiveRewards(terms_of(env))
+    called = env.reward_functions if listed else env.reward_functions.values()
+    reward = sum(f() * s for f, s in zip(called, env.reward_scales.values(), strict=True))
+    parts, guide = rewards(reward)
+    assert torch.allclose(parts, torch.tensor([[0.02, -0.1], [0.04, -0.1]]))
+    assert torch.allclose(guide[:, 0], reward)  # the whole reward leads every trade-off
+
+
+def test_a_term_that_the_host_does_not_pay_has_a_weight_of_one():
+    env = Points(2)
+    rewards = ObjectiveRewards(terms_of(env), OBJECTIVES, {"*": 1.0, "effort": 0.0})
+    _, reward, _, _ = env.step(torch.ones(2, 2))
+    parts, guide = rewards(reward)
+    assert parts[0].tolist() == pytest.approx([0.04, 0.1 * (-0.5 * 2 + 0.05)], rel=1e-4)
+    assert guide[0, 0].item() == pytest.approx(0.04)
+
+
+def function_of_terms(env: Points) -> dict[str, torch.Tensor]:
+    return {"x": env.position[:, 0], "y": -env.position[:, 1]}
+
+
+def test_a_function_reads_the_terms_of_any_other_host():
+    learn(make(terms=f"{__name__}:function_of_terms", objectives=None), 1)
+
+
+def test_the_host_s_own_split_needs_no_word():
+    runner = learn(make(objectives=None), 1)
+    assert runner.alg.objectives == ["rewards", "costs"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tradeoffs": 6}, "tradeoffs \\(6\\) must divide .* set tradeoffs to 4"),
+        ({"evaluation_worlds": 12}, "must be a multiple of 8"),
+        ({"objectives": {"a": {"trak_x": 1.0}, "b": {"effort": 1.0}}}, "did you mean 'track_x'"),
+        ({"objectives": {"a": {"effort": 1.0}}}, "at least two objectives"),
+        ({"rnd_cfg": {"weight": 1.0}}, "remove rnd_cfg"),
+        ({"tradeofs": 8}, "tradeofs"),
+    ],
+)
+def test_wrong_options_are_one_sentence(options, message):
+    with pytest.raises((MorlaxError, TypeError), match=message):
+        learn(make(**options), 1)
+
+
+def test_other_models_and_rewards_are_one_sentence():
+    cfg = settings()
+    cfg["actor"] |= {"class_name": "RNNModel"}
+    with pytest.raises(MorlaxError, match="the actor is a RNNModel"):
+        OnPolicyRunner(Points(), cfg, None, "cpu")
+    with pytest.raises(MorlaxError, match="name a function"):
+        terms_of(SimpleNamespace())
+    env = Points()
+    rewards = ObjectiveRewards(terms_of(env), OBJECTIVES)
+    _, reward, _, _ = env.step(torch.ones(96, 2))
+    with pytest.raises(MorlaxError, match="add up to another reward"):
+        rewards(reward.clamp(min=0))
+
+
+def test_a_file_holds_the_options_where_the_host_takes_none(monkeypatch, tmp_path):
+    file = tmp_path / "pareto.yaml"
+    file.write_text("objectives: {near: {track_x: 1.0}, far: {track_y: 1.0}}\ntradeoffs: 4\n")
+    monkeypatch.setenv("MORLAX_PARETO", str(file))
+    runner = make()
+    assert runner.alg.objectives == ["near", "far"] and runner.alg.storage.tradeoffs == 4
