@@ -158,10 +158,10 @@ def time_to(run: Run, target: float) -> float | None:
 
 def curves_figure(runs: Runs) -> Figure:
     """Draw the best hypervolume so far over time and steps: median, and lowest to highest run."""
-    figure = Figure(figsize=(8.0, 2.3 * len(runs)), layout="constrained")
-    plots = figure.subplots(len(runs), 2, squeeze=False)
-    for row, (task, of_task) in zip(plots, runs.items(), strict=True):
-        for axes, (axis, label) in zip(row, AXES.items(), strict=True):
+    figure = Figure(figsize=(2.4 * len(runs), 5.2), layout="constrained")
+    plots = figure.subplots(len(AXES), len(runs), squeeze=False)
+    for row, (axis, label) in zip(plots, AXES.items(), strict=True):
+        for axes, (task, of_task) in zip(row, runs.items(), strict=True):
             for number, method in enumerate(_methods(runs)):
                 curves = [run.curve(axis) for run in of_task.get(method, {}).values()]
                 if not curves:
@@ -172,7 +172,7 @@ def curves_figure(runs: Runs) -> Figure:
                 axes.step(grid, median(heights.T), where="post", color=color, label=method)
                 low, high = heights.min(0), heights.max(0)
                 axes.fill_between(grid, low, high, step="post", color=color, alpha=0.15, lw=0)
-            axes.set(xlabel=label, title=task)
+            axes.set(xlabel=label, title=task, ylim=(0, None))
             axes.spines[["top", "right"]].set_visible(False)
         row[0].set_ylabel("hypervolume")
     handles, labels = plots[0][0].get_legend_handles_labels()
@@ -183,7 +183,7 @@ def curves_figure(runs: Runs) -> Figure:
 def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     """Return a table."""
     rows = [heads, ["---"] * len(heads), *lines]
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    return "".join(f"| {' | '.join(row)} |\n".replace("  ", " ") for row in rows)
 
 
 def _methods(runs: Runs) -> list[str]:
@@ -195,7 +195,7 @@ def _spread(scores: Sequence[float]) -> str:
     low, high = interval(median, [scores])
     power = int(np.floor(np.log10(max(np.median(scores), 1e-300)) / 3)) * 3
     middle, low, high = (x / 10.0**power for x in (np.median(scores), low, high))
-    return f"{middle:.3g}e{power} ({low:.3g} to {high:.3g})"
+    return f"{middle:#.3g}e{power} ({low:#.3g} to {high:#.3g})"
 
 
 if __name__ == "__main__":

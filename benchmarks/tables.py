@@ -17,6 +17,8 @@ from itertools import groupby
 from pathlib import Path
 from statistics import median
 
+import compare_report
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "docs" / "results.md", ROOT / "README.md")
 RESULTS = ROOT / "benchmarks" / "results"
@@ -164,16 +166,21 @@ def readme() -> str:
     return markdown(["", "hardware", *TARGETS], lines)
 
 
-def algorithms() -> str:
-    tasks = {"cheetah": 2, "walker": 2, "hopper": 2, "ant": 1, "humanoid": 2}
-    names = ["MORLAX", "HYPER-MORL", "AMOR", "AMOR, as many parameters", "PG-MORL", "NSGA-II"]
-    methods = {  # `fresh` rows are those of best.pt, evaluated again
-        name: [
-            values(read("comparison/rows.csv", task=task, method=name, fresh="1")) for task in tasks
-        ]
-        for name in [*names, "independent policies"]
-    }
-    return markdown(["", *tasks], in_millions(methods, list(tasks.values())))
+def compared() -> compare_report.Runs:
+    return compare_report.runs_of(read("comparison-h100.csv"))
+
+
+def volumes() -> str:
+    return compare_report.volumes_table(compared(), "noised")
+
+
+def ahead() -> str:
+    return compare_report.differences_table(compared(), "MORLAX")
+
+
+def times() -> str:
+    targets = {task: float(target) for task, target in TARGETS.items()}
+    return compare_report.times_table(compared(), targets)
 
 
 def few_steps() -> str:
@@ -293,7 +300,10 @@ def gpus() -> str:
     return markdown(["", *tasks], lines)
 
 
-FUNCTIONS = (readme, targets, algorithms, few_steps, pgmorl, cmorl, mjlab, throughput, gpus)
+FUNCTIONS = (
+    *(readme, targets, volumes, ahead, times, few_steps),
+    *(pgmorl, cmorl, mjlab, throughput, gpus),
+)
 TABLES = {function.__name__: function for function in FUNCTIONS}
 
 

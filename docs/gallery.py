@@ -26,12 +26,6 @@ walker, and a [Go1 and a G1 of mjlab](mjlab.md). Commands accept a name in place
 `morlax_torch.load("ant")` loads one. Each front shows the returns of 512 trade-offs, each strip the
 last gait cycle under every objective alone and under all equally. `docs/gallery.py` writes this
 section.
-
-The ant and walker networks are smaller than in their configs, to stay below one megabyte. Walker,
-cheetah and hopper are the best of three seeds (lowest hypervolumes 7.13e6, 5.79e6 and 1.57e7), and
-ant is the better of two (the other: 3.49e7). C MuJoCo gives the ant's front 2.6 % less hypervolume;
-the others agree within 0.4 %. Humanoid and BRUCE were trained before the decay applied to the
-observation normalizer, so their commands now train slightly differently.
 """
 TASK = """
 ### {name}: {objectives}

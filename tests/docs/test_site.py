@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 SCRIPTS = [
     *("docs/site/build_site.py", "docs/site/notebook.py", "docs/site/pictures.py"),
-    *("benchmarks/figures.py", "benchmarks/tables.py", "tests/faults.py", ".ci/smoke.py"),
+    *("benchmarks/tables.py", "tests/faults.py", ".ci/smoke.py"),
     pytest.param("docs/gallery.py", marks=pytest.mark.slow),
 ]
 REMOTE = re.compile(r"(?:https?:)?//")
