@@ -101,6 +101,20 @@ def test_the_cleanrl_style_ppo_example_learns(capsys):
     assert "steps/s" in capsys.readouterr().out
 
 
+@pytest.mark.filterwarnings("ignore:.*inherits from WeightUpdaterBase")  # when TorchRL is imported
+@pytest.mark.slow
+@pytest.mark.parametrize("library", ["torchrl", "skrl"])
+def test_another_library_trains_a_family_of_policies(library):
+    pytest.importorskip(library, reason=f"{library} is not installed")
+    example = imported(f"{library}_family")
+    with one_thread(torch.device("cpu")):
+        before, after = example.train(example.Options("hopper", "cpu", iterations=30))
+    run, jump, balance = after  # the returns (2,) of one policy each
+    assert run[0] > 1.3 * jump[0] and jump[1] > 1.1 * run[1]
+    assert run[0] > 2 * before[0, 0] and jump[1] > 1.3 * before[1, 1]
+    assert balance.sum() > 1.5 * before[2].sum()
+
+
 def test_the_arm_between_two_goals_earns_what_its_kinematics_say():
     two_goals = imported("two_goals")
     env = envs.make(TWO_GOALS, 21, "cpu", auto_reset=False)
