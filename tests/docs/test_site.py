@@ -99,7 +99,7 @@ def test_a_script_asked_for_help_or_given_a_wrong_option_does_nothing_else(scrip
     before = sorted(tmp_path.rglob("*"))
     for option, status in (("--help", 0), ("--no-such-option", 2)):
         words = [sys.executable, "-B", str(copy), option]
-        path = {"PYTHONPATH": f"{ROOT / 'docs/site'}:{ROOT}"}
+        path = {"PYTHONPATH": f"{ROOT / 'docs/site'}:{ROOT / 'benchmarks'}:{ROOT}"}
         done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, env=path)
         assert done.returncode == status and "usage: " in done.stdout + done.stderr
     assert sorted(tmp_path.rglob("*")) == before
