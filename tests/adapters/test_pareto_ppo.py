@@ -2,6 +2,9 @@
 
 import contextlib
 import io
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -294,3 +297,16 @@ def test_a_file_holds_the_options_where_the_host_takes_none(monkeypatch, tmp_pat
     monkeypatch.setenv("MORLAX_PARETO", str(file))
     runner = make()
     assert runner.alg.objectives == ["near", "far"] and runner.alg.storage.tradeoffs == 4
+
+
+@pytest.mark.slow
+def test_two_processes_stay_equal_and_draw_different_tradeoffs(tmp_path):
+    script = Path(__file__).with_name("pareto_processes.py")
+    launch = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2"]
+    paths = map(str, (script.parents[2], script.parents[1]))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OMP_NUM_THREADS": "1"}
+    words = [*launch, "--standalone", str(script), str(tmp_path / "of")]
+    subprocess.run(words, check=True, env=environment, capture_output=True)
+    (one, drawn), (other, others) = (torch.load(tmp_path / f"of{rank}.pt") for rank in (0, 1))
+    assert torch.equal(one, other)
+    assert not torch.equal(drawn, others)

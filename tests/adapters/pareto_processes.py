@@ -1,0 +1,46 @@
+"""Two processes that train a family by ParetoPPO; run by test_pareto_ppo.py with torchrun."""
+
+import os
+import sys
+
+import torch
+from points import OBJECTIVES, Points
+
+from morlax_torch.rsl_rl import ParetoPPO
+
+
+def main(file: str) -> None:
+    rank = int(os.environ["RANK"])
+    torch.distributed.init_process_group("gloo")
+    torch.manual_seed(rank)
+    env = Points(24)
+    network = {"hidden_dims": [8], "obs_normalization": True}
+    spread = {"class_name": "GaussianDistribution"}
+    options = {"objectives": OBJECTIVES, "tradeoffs": 4, "evaluation_worlds": 0}
+    settings = {
+        "num_steps_per_env": 4,
+        "obs_groups": {"actor": ["actor"], "critic": ["critic"]},
+        "actor": {**network, "distribution_cfg": spread},
+        "critic": network,
+        "algorithm": {"class_name": ParetoPPO, **options},
+        "multi_gpu": {"global_rank": rank, "local_rank": rank, "world_size": 2},
+    }
+    obs = env.get_observations()
+    learner = ParetoPPO.construct_algorithm(obs, env, settings, "cpu")
+    learner.broadcast_parameters()
+    tradeoffs = []
+    for _ in range(2):
+        with torch.inference_mode():
+            for _ in range(4):
+                obs, rewards, dones, extras = env.step(learner.act(obs))
+                learner.process_env_step(obs, rewards, dones, extras)
+            tradeoffs.append(learner.actor.tradeoffs.clone())
+            learner.compute_returns(obs)
+        learner.update()
+    parameters = [*learner.actor.parameters(), *learner.critic.parameters()]
+    flat = torch.cat([values.detach().flatten() for values in parameters])
+    torch.save((flat, torch.stack(tradeoffs)), f"{file}{rank}.pt")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
