@@ -112,15 +112,12 @@ class ParetoPPO(PPO):
             return family.to(device)
 
         actor, critic = model("actor", env.num_actions), model("critic", m)
-        shown = os.environ.get(TRADEOFF)
-        if shown:
-            every = even_tradeoffs(max(worlds, m), m)
-            chosen = (
-                every
-                if shown == "all"
-                else torch.tensor([parse_tradeoff(shown, names)], dtype=torch.float32)
-            )
-            actor.shown = critic.shown = chosen.to(device)
+        if shown := os.environ.get(TRADEOFF):
+            if shown == "all":
+                tradeoffs = even_tradeoffs(max(worlds, m), m)
+            else:
+                tradeoffs = torch.tensor([parse_tradeoff(shown, names)], dtype=torch.float32)
+            actor.shown = critic.shown = tradeoffs.to(device)
         storage = FamilyStorage(
             *(m, K, "rl", learning, cfg["num_steps_per_env"], obs[:learning]),
             *([env.num_actions], device),
@@ -223,7 +220,7 @@ class ParetoPPO(PPO):
         """Load a family, or start every trade-off from the policy of a plain checkpoint.
 
         Raises:
-            MorlaxError: the family has other objectives, features or layers.
+            MorlaxError: the family has other objectives, features, layers or evaluation worlds.
         """
         family = loaded_dict.get(FAMILY)
         if family is None:
@@ -236,14 +233,14 @@ class ParetoPPO(PPO):
             "critic_state_dict": family["critic"],
             "optimizer_state_dict": family["optimizer"],
         }
-        if self.front and load_cfg is None:
-            self.front.load_state_dict(family["front"])
         try:
+            if self.front and family["front"] and load_cfg is None:
+                self.front.load_state_dict(family["front"])
             return super().load(states, load_cfg, strict)
         except RuntimeError as error:
             raise MorlaxError(
-                "the checkpoint holds a family of other objectives, features or layers: train with "
-                f"the options that it was written with ({line(error)[:LONGEST]})."
+                "the checkpoint holds a family of other objectives, features, layers or evaluation "
+                f"worlds: train with the options that it has ({line(error)[:LONGEST]})."
             ) from None
 
 

@@ -277,6 +277,13 @@ def test_wrong_options_are_one_sentence(options, message):
         learn(make(**options), 1)
 
 
+def test_a_family_of_other_features_is_one_sentence(trained):
+    with pytest.raises(MorlaxError, match="other objectives, features, layers"):
+        make(features=5).load(str(trained[1] / "model_59.pt"))
+    with pytest.raises(MorlaxError, match="no checkpoint that ParetoPPO has written"):
+        specialize(Path(__file__), (1, 1), "never.pt")
+
+
 def test_other_models_and_rewards_are_one_sentence():
     cfg = settings()
     cfg["actor"] |= {"class_name": "RNNModel"}
