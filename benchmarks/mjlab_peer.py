@@ -3,6 +3,7 @@
     python benchmarks/mjlab_peer.py go1.pt --weighting effort --seconds 300
 
 The file keeps the state of training, so the command goes on where it ended, even if it was killed.
+With --task Pareto-Velocity-Flat-Unitree-Go1, ParetoPPO trains a front, whose file is a run.
 """
 
 import contextlib
@@ -73,7 +74,8 @@ def main(
         seed: Seed of training.
         device: cuda or cpu (None: CUDA if available).
     """
-    weights = yaml.safe_load(weightings.read_text())[task][weighting]
+    plain = task.replace("Pareto", "Mjlab", 1)
+    weights = yaml.safe_load(weightings.read_text())[plain][weighting]
     runner = make_runner(task, worlds, str(resolve_device(device)), seed, weights)
     per_iteration = worlds * runner.cfg["num_steps_per_env"]
     done = runner.load(str(file))["env_steps"] if file.exists() else 0
