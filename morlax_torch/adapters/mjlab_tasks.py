@@ -9,8 +9,10 @@ from mjlab.rl import RslRlPpoAlgorithmCfg  # pyright: ignore[reportMissingImport
 from mjlab.tasks import registry  # pyright: ignore[reportMissingImports]
 
 from ..envs.bridges.mjlab.worlds import add_terms
+from .pareto_options import ParetoOptions
 
 Group = dict[str, float]
+DEFAULTS = ParetoOptions.model_fields
 
 # factors on the terms as mjlab pays them; one that it does not pay has a weight of one
 EFFORT: dict[str, Group] = {
@@ -36,9 +38,9 @@ class ParetoPpoCfg(RslRlPpoAlgorithmCfg):
     class_name: str = "morlax_torch.rsl_rl:ParetoPPO"
     objectives: dict[str, dict[str, float]] = field(default_factory=dict)
     guide: dict[str, float] = field(default_factory=dict)
-    tradeoffs: int = 32
-    features: int = 4
-    evaluation_worlds: int = 256
+    tradeoffs: int = DEFAULTS["tradeoffs"].default
+    features: int = DEFAULTS["features"].default
+    evaluation_worlds: int = DEFAULTS["evaluation_worlds"].default
     reference_point: tuple[float, ...] = ()
     task: str = ""
 
