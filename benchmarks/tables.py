@@ -18,6 +18,7 @@ from pathlib import Path
 from statistics import median
 
 import compare_report
+from compare_report import markdown
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "docs" / "results.md", ROOT / "README.md")
@@ -91,12 +92,6 @@ def listed(numbers: Sequence[float], digits: int, power: int = 0, above: float =
         text = ", ".join(number(value, digits, power) for value in group)
         parts.append(f"**{text}**" if is_above else text)
     return ", ".join(parts)
-
-
-def markdown(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    rows = [head, ["---"] * len(head), *lines]
-    return "".join(f"| {' | '.join(row)} |\n".replace("  ", " ") for row in rows)
 
 
 def in_millions(methods: dict[str, list[list[float]]], digits: Sequence[int]) -> list[list[str]]:

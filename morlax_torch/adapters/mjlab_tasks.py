@@ -48,10 +48,10 @@ class ParetoPpoCfg(RslRlPpoAlgorithmCfg):
 def register(task: str, objectives: dict[str, Group]) -> None:
     """Register the twin of a task of mjlab, whose policies all learn from its whole reward."""
     rl = registry.load_rl_cfg(task)
-    ppo = {one.name: getattr(rl.algorithm, one.name) for one in fields(rl.algorithm)}
+    ppo = {option.name: getattr(rl.algorithm, option.name) for option in fields(rl.algorithm)}
     ppo["class_name"] = ParetoPpoCfg.class_name
-    guide, ours = {"*": 1.0}, f"mjlab:{task}"
-    algorithm = ParetoPpoCfg(**ppo, objectives=objectives, guide=guide, task=ours)
+    guide, env = {"*": 1.0}, f"mjlab:{task}"
+    algorithm = ParetoPpoCfg(**ppo, objectives=objectives, guide=guide, task=env)
     configs = [registry.load_env_cfg(task, play=play) for play in (False, True)]
     for config in configs:
         add_terms(config)

@@ -30,8 +30,8 @@ class ParetoOptions(BaseModel):
     tradeoffs: PositiveInt = 32
     """K, trade-offs that learn at a time; each has every K-th world."""
     features: PositiveInt = 3
-    """F, the number of features that generated parameters are affine in. Checkpoints are about
-    F + 1 times as large as those of one policy."""
+    """F, the number of features that generated parameters are affine in. A family has F + 1 times
+    the parameters of one policy."""
     evaluation_worlds: NonNegativeInt = 256
     """Worlds that show the front instead of learning, eight for each trade-off of a fixed grid."""
     reference_point: tuple[float, ...] | None = None

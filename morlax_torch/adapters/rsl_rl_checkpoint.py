@@ -45,15 +45,16 @@ def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) 
     weights = one_tradeoff(tradeoff, family["objectives"], torch.device("cpu"))
     for name, shapes in family["shapes"].items():
         state = family[name]
-        own = {k.removeprefix("family."): x for k, x in state.items() if k.startswith("family.")}
+        prefix = "family."
+        tensors = {k.removeprefix(prefix): x for k, x in state.items() if k.startswith(prefix)}
         # a module of parameters with these shapes, in their order: ParameterDict sorts a dict, but
         # not a list, and takes no dots
-        bias, names = own["bias"], [key.replace(".", "/") for key in shapes]
+        bias, names = tensors["bias"], [key.replace(".", "/") for key in shapes]
         parts = bias.split([shape.numel() for shape in shapes.values()])
         values = [part.view(shape) for part, shape in zip(parts, shapes.values(), strict=True)]
         target = nn.ParameterDict([*zip(names, values, strict=True)])
-        hypernetwork = Hypernetwork(target, len(weights), num_features=own["weight"].shape[1])
-        hypernetwork.load_state_dict(own)
+        hypernetwork = Hypernetwork(target, len(weights), num_features=tensors["weight"].shape[1])
+        hypernetwork.load_state_dict(tensors)
         with torch.no_grad():
             rows = hypernetwork(weights[None]).items()
         parameters = {key.replace("/", "."): row[0] for key, row in rows}

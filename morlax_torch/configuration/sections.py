@@ -12,7 +12,8 @@ from ..envs.worlds.options import Count, Section
 Algorithm = Literal[
     "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent", "rsl-rl"
 ]
-ALGORITHMS: tuple[str, ...] = get_args(Algorithm)[:-1]  # rsl-rl trains in rsl_rl's own runner
+# rsl-rl trains in rsl_rl's own runner
+ALGORITHMS: tuple[str, ...] = tuple(name for name in get_args(Algorithm) if name != "rsl-rl")
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of Adam's moments, per step; keeps its steps finite
 

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ..configuration.config import Config
 from ..configuration.sections import RslRlOptions
 from ..envs import MorlaxError
-from .agent import Agent
+from .agent import Agent, Sizes
 
 MOST = 1 - 1e-6  # of a squashed action, so that its atanh is finite
 
@@ -54,20 +54,12 @@ class Squashed(GaussianMLP):
 class RslRlAgent(Agent):
     """The policies of a checkpoint that `ParetoPPO` has written, without critics."""
 
-    def __init__(self, config: Config, *args: Any, **options: Any):
-        super().__init__(config, *args, **options)
-        self.observation_normalizer.limit = math.inf
-
-    def _networks(
-        self,
-        actor: nn.Module | None,
-        critic: nn.Module | None,
-        config: Config,
-        generator: torch.Generator | None,
-    ) -> tuple[nn.Module, nn.Module]:
+    def __init__(self, config: Config, sizes: Sizes, **others: Any):
         assert isinstance(config.method, RslRlOptions)
         if (scale := getattr(config.task, "action_scale", None)) is None:
             raise MorlaxError(f"{config.env} has no action_scale, which rsl_rl's policies need.")
-        sizes = self.observation_size, *config.network.actor, self.action_size
-        actor = Squashed(sizes, config.method.activation, scale)
-        return super()._networks(actor, critic, config, generator)
+        layers = sizes.observation, *config.network.actor, sizes.action
+        actor = Squashed(layers, config.method.activation, scale)
+        super().__init__(config, sizes, actor=actor)
+        self._own = []  # the config describes the actor
+        self.observation_normalizer.limit = math.inf

@@ -222,7 +222,12 @@ def test_mirrored_data_keep_their_tradeoffs():
 
     symmetry = {"data_augmentation_func": mirrored, "use_data_augmentation": True}
     runner = make(symmetry_cfg={**symmetry, "use_mirror_loss": True, "mirror_loss_coeff": 0.1})
-    learn(runner, 2)
+    actor = learn(runner, 20).alg.actor
+    obs, _ = mirrored(None, Points(64).get_observations(), None)
+    with torch.no_grad():
+        rows, images = actor(obs).chunk(2)  # of points at the same place
+    assert torch.equal(rows, images)
+    assert torch.equal(rows[:8], rows[8:16]) and len(rows[:8].unique(dim=0)) == 8
 
 
 @pytest.mark.parametrize("listed", [False, True], ids=["Genesis", "legged_gym"])
@@ -253,7 +258,12 @@ def function_of_terms(env: Points) -> dict[str, torch.Tensor]:
 
 
 def test_a_function_reads_the_terms_of_any_other_host():
-    learn(make(terms=f"{__name__}:function_of_terms", objectives=None), 1)
+    alg = learn(make(terms=f"{__name__}:function_of_terms", objectives=None), 1).alg
+    assert alg.objectives == ["x", "y"]
+    env = Points(2)
+    env.position = torch.tensor([[1.0, 2.0], [3.0, 4.0]])
+    parts, _ = ObjectiveRewards(terms_of(env, f"{__name__}:function_of_terms"))(torch.zeros(2))
+    assert parts.tolist() == [[1.0, -2.0], [3.0, -4.0]]
 
 
 def test_the_host_s_own_split_needs_no_word():
