@@ -209,9 +209,10 @@ def _train_all(
 
 
 def _show(card: int | None) -> None:
-    """Let a process see one GPU."""
+    """Let a process see one of the GPUs that this one sees."""
     if card is not None:
-        os.environ["CUDA_VISIBLE_DEVICES"] = str(card)
+        seen = os.environ.get("CUDA_VISIBLE_DEVICES")
+        os.environ["CUDA_VISIBLE_DEVICES"] = seen.split(",")[card] if seen else str(card)
 
 
 def measured(job: Job, fronts: Path | None, device: str | None) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ import csv
 from pathlib import Path
 
 import mjlab_peer
+import numpy as np
 import tyro
 from mjlab_walks import dominated, walk
 from rich.table import Table
@@ -19,6 +20,7 @@ from morlax_torch.envs import resolve_device
 def main(
     runs: tyro.conf.Positional[tuple[Path, ...]],
     peers: tuple[Path, ...] = (),
+    own: tuple[float, ...] = (),
     tradeoffs: int = 64,
     episodes: int = 24,
     seed: int = 0,
@@ -30,6 +32,7 @@ def main(
     Args:
         runs: Folders of runs of one task.
         peers: Checkpoints of benchmarks/mjlab_peer.py.
+        own: Trade-off whose nearest policy is reported, too, such as that of the host's weights.
         tradeoffs: Number of policies of each run.
         episodes: Episodes that each policy walks.
         seed: Seed of the episodes.
@@ -42,7 +45,11 @@ def main(
         policy = load(run, target)
         walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
         free = {"non-dominated": str((~dominated(walks.returns, walks.returns)).sum())}
-        for label, index in (("best tracking", walks.best), ("least power", walks.cheapest)):
+        reported = [("best tracking", walks.best), ("least power", walks.cheapest)]
+        if own:
+            distances = np.linalg.norm(walks.front.tradeoffs - np.array(own), axis=1)
+            reported.append(("own weights", int(distances.argmin())))
+        for label, index in reported:
             weights, values = walks.told(index)
             rows.append((run.name, label, weights, values | free))
         fronts.append(walks.returns)

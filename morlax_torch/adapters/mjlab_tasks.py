@@ -14,20 +14,17 @@ from .pareto_options import ParetoOptions
 Group = dict[str, float]
 DEFAULTS = ParetoOptions.model_fields
 
-# factors on the terms as mjlab pays them; one that it does not pay has a weight of one
+# Factors on the terms as mjlab pays them; one that it does not pay has a weight of one. With the
+# guide, the trade-off (1/2, 1/2, 0) gives every term mjlab's own weight, and adds to being alive.
+OWN = 0.4  # factor of the guide on a term that objectives have, too
+MORE = 2 * (1 - OWN)  # factor of such an objective
 EFFORT: dict[str, Group] = {
-    "Go1": {"is_alive": 3.75, "electrical_power_cost": -0.075, "joint_torques_l2": -0.003},
-    "G1": {"is_alive": 3.0, "electrical_power_cost": -0.01, "joint_torques_l2": -0.0004},
+    "Go1": {"is_alive": 1.5, "electrical_power_cost": -0.03, "joint_torques_l2": -0.0012},
+    "G1": {"is_alive": 1.2, "electrical_power_cost": -0.004, "joint_torques_l2": -0.00016},
 }
-OTHERS: dict[str, dict[str, Group]] = {
-    "Velocity": {
-        "tracking": {"track_*": 3.0},
-        "smoothness": {"is_alive": 1.0, "action_rate_l2": 2.0, "foot_slip": 2.0},
-    },
-    "Tracking": {
-        "tracking": {"motion_*": 3.0},
-        "smoothness": {"is_alive": 1.0, "action_rate_l2": 2.0, "joint_limit": 2.0},
-    },
+OTHERS: dict[str, dict[str, list[str]]] = {
+    "Velocity": {"tracking": ["track_*"], "smoothness": ["action_rate_l2", "foot_slip"]},
+    "Tracking": {"tracking": ["motion_*"], "smoothness": ["action_rate_l2", "joint_limit"]},
 }
 
 
@@ -45,13 +42,12 @@ class ParetoPpoCfg(RslRlPpoAlgorithmCfg):
     task: str = ""
 
 
-def register(task: str, objectives: dict[str, Group]) -> None:
-    """Register the twin of a task of mjlab, whose policies all learn from its whole reward."""
+def register(task: str, objectives: dict[str, Group], guide: Group) -> None:
+    """Register the twin of a task of mjlab."""
     rl = registry.load_rl_cfg(task)
     ppo = {option.name: getattr(rl.algorithm, option.name) for option in fields(rl.algorithm)}
     ppo["class_name"] = ParetoPpoCfg.class_name
-    guide, env = {"*": 1.0}, f"mjlab:{task}"
-    algorithm = ParetoPpoCfg(**ppo, objectives=objectives, guide=guide, task=env)
+    algorithm = ParetoPpoCfg(**ppo, objectives=objectives, guide=guide, task=f"mjlab:{task}")
     configs = [registry.load_env_cfg(task, play=play) for play in (False, True)]
     for config in configs:
         add_terms(config)
@@ -64,4 +60,8 @@ for name in registry.list_tasks():
     _, kind, *words = name.split("-")
     robot = next((word for word in words if word in EFFORT), None)
     if kind in OTHERS and robot:
-        register(name, {**OTHERS[kind], "effort": EFFORT[robot]})
+        terms = OTHERS[kind]
+        objectives = {title: dict.fromkeys(terms[title], MORE) for title in terms}
+        objectives["smoothness"]["is_alive"] = OWN
+        guide = {"*": 1.0} | {term: OWN for title in terms for term in terms[title]}
+        register(name, {**objectives, "effort": EFFORT[robot]}, guide)

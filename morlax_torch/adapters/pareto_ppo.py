@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Any
+from typing import Any, NoReturn
 
 import torch
 from rsl_rl.algorithms import PPO
@@ -99,9 +99,9 @@ class ParetoPPO(PPO):
         except ValueError as error:
             raise MorlaxError(f"{error}.") from None
         worlds, m, K = env.num_envs, len(names), options.tradeoffs
-        front = None
-        if worlds < K + options.evaluation_worlds:  # too few to learn
-            K = 1
+        front, rewards = None, bind
+        if worlds < K + options.evaluation_worlds:  # to play
+            K, rewards = 1, partial(_refuse_to_learn, worlds, options)
         elif options.evaluation_worlds:
             front = WorldFront(options.evaluation_worlds, m, options.reference_point, device)
         learning = worlds - (front.worlds if front else 0)
@@ -125,7 +125,7 @@ class ParetoPPO(PPO):
         return kind(
             *(actor, critic, storage),
             device=device,
-            rewards=bind,
+            rewards=rewards,
             front=front,
             objectives=names,
             config=partial(config_of, env, options, cfg, actor, storage),
@@ -259,6 +259,13 @@ def _check_supported(cfg: dict[str, Any]) -> None:
         raise MorlaxError("ParetoPPO does not compile its models: remove torch_compile_mode.")
     algorithm.pop("share_cnn_encoders", None)
     algorithm["rnd_cfg"] = None  # the runner reads it
+
+
+def _refuse_to_learn(worlds: int, options: ParetoOptions) -> NoReturn:
+    raise MorlaxError(
+        f"{worlds} worlds are fewer than tradeoffs ({options.tradeoffs}) and evaluation_worlds "
+        f"({options.evaluation_worlds}) together: take more worlds, or less of both."
+    )
 
 
 def _check_sizes(storage: FamilyStorage, minibatches: int) -> None:

@@ -80,8 +80,11 @@ def test_a_checkpoint_of_mjlab_is_a_run(run, tmp_path):
     policy = load(run)
     assert policy.objectives == ("tracking", "smoothness", "effort")
     weights = policy.reward_weights((1.0, 0.0, 0.0))
-    assert weights["track_linear_velocity"] == 4.0  # 3 beside mjlab's own reward
-    assert weights["action_rate_l2"] == 1.0 and not weights["electrical_power_cost"]
+    assert weights["track_linear_velocity"] == 1.6 and weights["action_rate_l2"] == 0.4
+    own = policy.reward_weights((0.5, 0.5, 0.0))
+    assert own.pop("is_alive") == pytest.approx(0.2)
+    paid = {name: weight for name, weight in own.items() if weight}
+    assert paid == pytest.approx(dict.fromkeys(paid, 1.0)) and len(paid) == 10  # mjlab's reward
     player = Player(policy, (0.2, 0.3, 0.5))
     for _ in range(3):
         player.step()

@@ -274,6 +274,7 @@ def test_the_host_s_own_split_needs_no_word():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"tradeoffs": 70}, "96 worlds are fewer than tradeoffs \\(70\\)"),
         ({"tradeoffs": 6}, "tradeoffs \\(6\\) must divide .* set tradeoffs to 4"),
         ({"evaluation_worlds": 12}, "must be a multiple of 8"),
         ({"objectives": {"a": {"trak_x": 1.0}, "b": {"effort": 1.0}}}, "did you mean 'track_x'"),
