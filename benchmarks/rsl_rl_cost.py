@@ -2,12 +2,14 @@
 
     python benchmarks/rsl_rl_cost.py --device cuda:0 --output rows.csv
 
-4,096 worlds of random observations, with the sizes of mjlab's Go1 and its networks and updates.
+4,096 worlds of random observations, with the sizes of mjlab's Go1 and its networks and updates, and
+its matrix products in TF32. A row also has the size of a checkpoint.
 """
 
 import contextlib
 import csv
 import io
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -47,8 +49,8 @@ def terms_of(env: RandomWorlds) -> dict[str, torch.Tensor]:
     return dict(zip("abc", env.terms, strict=True))
 
 
-def seconds(device: str, iterations: int, **algorithm: Any) -> float:
-    """Return the mean time of an iteration, after a first one."""
+def measured(device: str, iterations: int, **algorithm: Any) -> tuple[float, int]:
+    """Return the mean seconds of an iteration, after a first one, and the bytes of a checkpoint."""
     network = {"hidden_dims": [512, 256, 128], "activation": "elu", "obs_normalization": True}
     network["class_name"] = "MLPModel"
     spread = {"class_name": "GaussianDistribution", "init_std": 1.0}
@@ -60,12 +62,14 @@ def seconds(device: str, iterations: int, **algorithm: Any) -> float:
         "critic": network,
         "algorithm": {"num_learning_epochs": 5, "num_mini_batches": 4, **algorithm},
     }
-    with contextlib.redirect_stdout(io.StringIO()):
+    with contextlib.redirect_stdout(io.StringIO()), tempfile.TemporaryDirectory() as folder:
         runner = OnPolicyRunner(RandomWorlds(device), settings, None, device)
         runner.learn(1)
         start = time.perf_counter()
         runner.learn(iterations)  # which reads its losses, so it waits for the GPU
-    return (time.perf_counter() - start) / iterations
+        taken = (time.perf_counter() - start) / iterations
+        runner.save(file := f"{folder}/model.pt")
+        return taken, Path(file).stat().st_size
 
 
 def main(output: Path, device: str = "cpu", iterations: int = 3, repeats: int = 2) -> None:
@@ -78,6 +82,7 @@ def main(output: Path, device: str = "cpu", iterations: int = 3, repeats: int = 
         repeats: of all methods, in turns.
     """
     torch.set_num_threads(1)
+    torch.backends.fp32_precision = "tf32"  # as mjlab's command does
     methods: dict[str, dict[str, Any]] = {"PPO": {"class_name": "PPO"}}
     for K in (8, 16, 32, 128):
         pareto = {"class_name": "morlax_torch.rsl_rl:ParetoPPO", "terms": f"{__name__}:terms_of"}
@@ -85,13 +90,13 @@ def main(output: Path, device: str = "cpu", iterations: int = 3, repeats: int = 
     name = "one CPU thread" if device == "cpu" else torch.cuda.get_device_name(device)
     with output.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("device", "method", "seconds_per_iteration", "relative"))
+        rows.writerow(("device", "method", "seconds_per_iteration", "relative", "checkpoint_bytes"))
         for _ in range(repeats):
             plain = 0.0
             for method, algorithm in methods.items():
-                taken = seconds(device, iterations, **algorithm)
+                taken, size = measured(device, iterations, **algorithm)
                 plain = plain or taken
-                rows.writerow((name, method, f"{taken:.4g}", f"{taken / plain:.3g}"))
+                rows.writerow((name, method, f"{taken:.4g}", f"{taken / plain:.3g}", size))
                 file.flush()
 
 

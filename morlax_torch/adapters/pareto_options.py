@@ -29,7 +29,7 @@ class ParetoOptions(BaseModel):
     (N,); for environments without a reward manager or reward functions."""
     tradeoffs: PositiveInt = 32
     """K, trade-offs that learn at a time; each has every K-th world."""
-    features: PositiveInt = 3
+    features: PositiveInt = 6
     """F, the number of features that generated parameters are affine in. A family has F + 1 times
     the parameters of one policy."""
     evaluation_worlds: NonNegativeInt = 256

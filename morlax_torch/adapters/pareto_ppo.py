@@ -21,7 +21,7 @@ from ..envs.worlds.options import check_objectives
 from ..runs.checkpoint import RSL_RL
 from .pareto_options import ParetoOptions, take_options
 from .reward_terms import ObjectiveRewards, terms_of
-from .rsl_rl_checkpoint import FAMILY, config_of, contents, halved
+from .rsl_rl_checkpoint import FAMILY, compact, config_of, contents, expanded
 from .rsl_rl_family import FamilyModel, FamilyStorage, WorldFront
 
 TRADEOFF = "MORLAX_TRADEOFF"  # environment variable: what an unmodified `play` shows
@@ -208,7 +208,7 @@ class ParetoPPO(PPO):
                 "shapes": {
                     name: dict(getattr(self, name).family.shapes) for name in ("actor", "critic")
                 },
-                "optimizer": halved(self.optimizer.state_dict()),
+                "optimizer": compact(self.optimizer.state_dict()),
                 "front": self.front.state_dict() if self.front else {},
             },
         }
@@ -231,7 +231,7 @@ class ParetoPPO(PPO):
         states = {
             "actor_state_dict": family["actor"],
             "critic_state_dict": family["critic"],
-            "optimizer_state_dict": family["optimizer"],
+            "optimizer_state_dict": expanded(family["optimizer"]),
         }
         try:
             if self.front and family["front"] and load_cfg is None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 from torch.nn.functional import pad
 
 from ..configuration.config import Config, load_config
@@ -142,12 +142,26 @@ def contents(actor: FamilyModel, config: Config, storage: FamilyStorage) -> dict
     }
 
 
-def halved(state: dict[str, Any]) -> dict[str, Any]:
-    """Return an optimizer's state with moments in half the bytes."""
-    moments = {
-        index: {
-            name: x.bfloat16() if isinstance(x, Tensor) and x.ndim else x for name, x in row.items()
-        }
-        for index, row in state["state"].items()
-    }
-    return {**state, "state": moments}
+def compact(state: dict[str, Any]) -> dict[str, Any]:
+    """Return Adam's state without first moments, and with factors of the second ones.
+
+    Second moments of a matrix are saved as the means of its rows and columns, whose outer product
+    stands for it (Adafactor, Shazeer & Stern, ICML 2018, section 3).
+    """
+    rows = {}
+    for index, row in state["state"].items():
+        squares = row["exp_avg_sq"]
+        factors = [squares.mean(1), squares.mean(0)] if squares.ndim == 2 else [squares]
+        rows[index] = {"step": row["step"], "factors": [x.bfloat16() for x in factors]}
+    return {**state, "state": rows}
+
+
+def expanded(state: dict[str, Any]) -> dict[str, Any]:
+    """Return a state for Adam from what `compact` returned."""
+    rows = {}
+    for index, row in state["state"].items():
+        squares, *columns = (x.float() for x in row["factors"])
+        for column in columns:
+            squares = torch.outer(squares, column / column.mean().clamp(min=1e-30))
+        rows[index] = {"step": row["step"], "exp_avg": 0 * squares, "exp_avg_sq": squares}
+    return {**state, "state": rows}
