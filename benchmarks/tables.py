@@ -182,13 +182,11 @@ def few_steps() -> str:
     tasks = ("cheetah", "hopper", "mo-gymnasium/hopper-2obj", "mo-gymnasium/halfcheetah")
     steps = {
         "hyper-sac, 100,000 steps": "hyper-sac, --max-env-steps 100000",
-        "PD-MORL, 100,000 steps": "pd-morl, --max-env-steps 100000",
         "CAPQL, 100,000 steps": "capql of morl-baselines",
         "MORLAX, 100,000 steps": "morlax, --max-env-steps 100000",
     }
     seconds = {
         "hyper-sac, 120 s": "hyper-sac",
-        "PD-MORL, 120 s": "pd-morl",
         "MORLAX, 120 s": "morlax",
     }
     lines = []

@@ -10,7 +10,6 @@ from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
-from morlax_torch.baselines.pd_morl.options import PDMORLOptions
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.sections import HyperSACOptions
 from morlax_torch.gpu.group import ALONE, Group, join
@@ -20,12 +19,7 @@ from morlax_torch.runs.progress import Progress
 
 WORLDS, HORIZON, CLUSTERS = 32, 4, 4
 ITERATIONS = 2
-LEARNING = {"batch": 32, "updates": 2}  # from a replay
-HyperSACOptions.start = PDMORLOptions.start = 1
-METHODS: dict[str, Any] = {
-    "hyper-sac": {"method": LEARNING},
-    "pd-morl": {"method": {**LEARNING, "refresh": 100}},
-}
+HyperSACOptions.start = 1
 
 
 def config(algorithm: str, size: int) -> Config:
@@ -41,7 +35,7 @@ def config(algorithm: str, size: int) -> Config:
         sampling={} if algorithm == "amor" else {"clusters": CLUSTERS},
         ppo={"minibatches": 1, "desired_kl": 0.01},
         task={"reset_noise": 0.05},
-        **METHODS.get(algorithm, {}),
+        **({"method": {"batch": 32, "updates": 2}} if algorithm == "hyper-sac" else {}),
     )
 
 
@@ -93,10 +87,9 @@ def trained(algorithm: str, group: Group, **networks: torch.nn.Module) -> dict[s
 def with_own_networks(algorithm: str, group: Group) -> dict[str, Any]:
     """Return the state of a learner with networks of this process."""
     torch.manual_seed(group.rank)
-    conditioned = algorithm in ("amor", "pd-morl")  # whose networks see the trade-off too
-    inputs = 13 + 2 * conditioned
+    inputs = 13 + 2 * (algorithm == "amor")  # whose networks see the trade-off too
     networks = {"actor": Shifted(inputs, 8), "critic": Shifted(inputs, 2)}
-    if algorithm in METHODS:  # which have their own critics
+    if algorithm == "hyper-sac":  # which has its own critics
         del networks["critic"]
     return {**trained(algorithm, group, **networks), "shift": networks["actor"].shift}
 

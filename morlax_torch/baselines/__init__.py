@@ -1,1 +1,1 @@
-"""PG-MORL and PD-MORL, each a package that is found by its name and imported when asked for."""
+"""PG-MORL, a package that is found by its name and imported when asked for."""

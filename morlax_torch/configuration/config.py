@@ -19,9 +19,9 @@ from .sections import (
     DESIGNING,
     Algorithm,
     EvaluationConfig,
+    HyperSACOptions,
     MethodOptions,
     NetworkConfig,
-    OffPolicyOptions,
     PPOConfig,
     Protocol,
     SamplingConfig,
@@ -138,7 +138,7 @@ class Config(Section):
     @property
     def off_policy(self) -> bool:
         """Whether critics value a state and an action, twice."""
-        return isinstance(self.method, OffPolicyOptions)
+        return isinstance(self.method, HyperSACOptions)
 
     def num_values(self, num_objectives: int) -> int:
         return 1 if self.ppo.critic == "scalar" else num_objectives

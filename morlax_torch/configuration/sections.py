@@ -9,9 +9,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
 from ..envs.worlds.options import Count, Section
 
-Algorithm = Literal[
-    "morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "pd-morl", "independent", "rsl-rl"
-]
+Algorithm = Literal["morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "independent", "rsl-rl"]
 # rsl-rl trains in rsl_rl's own runner
 ALGORITHMS: tuple[str, ...] = tuple(name for name in get_args(Algorithm) if name != "rsl-rl")
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
@@ -182,34 +180,20 @@ class RslRlOptions(MethodOptions):
         return import_module("morlax_torch.networks.unbounded").RslRlAgent
 
 
-class OffPolicyOptions(MethodOptions):
-    """Options of the algorithms that learn from a replay."""
+class HyperSACOptions(MethodOptions):
+    """Options of hyper-sac."""
 
     weighted_sums: ClassVar[bool] = True
     start: ClassVar[int] = 5_000  # transitions to store before the first gradient step
-    delay: ClassVar[int] = 1  # gradient steps of the critics per call of `OffPolicy._improve`
-    updates: Count
-    """Gradient steps per iteration."""
-    batch: Count
-    """Transitions of a gradient step."""
-
-    @property
-    def replay_size(self) -> int:
-        """Number of transitions to keep, of all worlds of a process."""
-        return 500_000
-
-
-class HyperSACOptions(OffPolicyOptions):
-    """Options of hyper-sac."""
-
     target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
     steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows
     temperature: ClassVar[float] = 0.02  # initial weight of the entropy, for scaled rewards
     updates: Count = 128
-    replay: int = Field(default=500_000, gt=0, lt=2**40)
-    """Number of transitions to keep, of all worlds of a process."""
+    """Gradient steps per iteration."""
     batch: Count = 1024
     """Transitions of a gradient step; must be a multiple of sampling.clusters."""
+    replay: int = Field(default=500_000, gt=0, lt=2**40)
+    """Number of transitions to keep, of all worlds of a process."""
     learning_rate: float = Field(default=7e-4, gt=0, le=1)
     """Learning rate of Adam."""
     discount: float = Field(default=0.99, ge=0, le=1)
@@ -220,12 +204,13 @@ class HyperSACOptions(OffPolicyOptions):
     """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
 
-    @property
-    def replay_size(self) -> int:
-        return self.replay
-
     def check(self, clusters: int) -> None:
-        check_multiple("batch", self.batch, clusters, " (sampling.clusters)")
+        if self.batch % clusters:
+            raise ValueError(
+                f"method.batch ({self.batch}) must be a multiple of {clusters} "
+                "(sampling.clusters): try --method.batch "
+                f"{max(1, self.batch // clusters) * clusters}"
+            )
 
 
 OPTIONS = {
@@ -233,7 +218,7 @@ OPTIONS = {
     "hyper-morl": HyperMORLOptions,
     "rsl-rl": RslRlOptions,
 }
-BASELINES = ("pg-morl", "pd-morl")  # packages of `morlax_torch.baselines`
+BASELINES = ("pg-morl",)  # packages of `morlax_torch.baselines`
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 
 
@@ -248,12 +233,3 @@ def options_class(algorithm: str) -> type[MethodOptions]:
     """Return the class of an algorithm's options."""
     module = baseline(algorithm, "options")
     return module.OPTIONS if module else OPTIONS.get(algorithm, MethodOptions)
-
-
-def check_multiple(name: str, value: int, factor: int, meaning: str = "") -> None:
-    """Raise ValueError unless an option of the algorithm is a multiple of another number."""
-    if value % factor:
-        raise ValueError(
-            f"method.{name} ({value}) must be a multiple of {factor}{meaning}: "
-            f"try --method.{name} {max(1, value // factor) * factor}"
-        )

@@ -1,22 +1,19 @@
-"""Learning from a replay: what it samples, and what critics and policies learn from it."""
+"""hyper-sac: what its replay samples, and what critics and policies learn from it."""
 
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import torch
-from closed_form import Quadratic, best_returns
-from test_algorithms import CLUSTERS, TASK, brief, iterate, small, trained  # noqa: F401
+from closed_form import Quadratic
+from test_algorithms import TASK, brief, iterate, small, trained  # noqa: F401
 from torch.distributions import Normal, TanhTransform, TransformedDistribution
 from torch.testing import assert_close
 
 from morlax_torch import MorlaxError
-from morlax_torch.algorithms.hyper_sac import HyperSAC
-from morlax_torch.algorithms.off_policy import Replay, Transitions
+from morlax_torch.algorithms.hyper_sac import HyperSAC, Replay, Transitions
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
-from morlax_torch.baselines.pd_morl.learner import Interpolator
-from morlax_torch.configuration.tradeoffs import even_tradeoffs, typical_tradeoffs
 
 N, T, DISCOUNT, STEPS = 4, 3, 0.9, 3
 SIZES = SimpleNamespace(
@@ -50,16 +47,15 @@ def rollouts(number: int, generator: torch.Generator) -> list[Rollout]:
 @pytest.mark.parametrize("number", [1, 4, 11])  # a part of the ring, all of it, and once around
 def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generator):
     capacity = 13
-    replay, given = Replay(capacity, 2, SIZES), rollouts(number, generator)
-    tradeoffs = torch.rand(number, 2, 2, generator=generator)  # of each rollout's clusters
-    for rollout, own in zip(given, tradeoffs, strict=True):
-        replay.add(rollout, own)
+    replay, given = Replay(capacity, SIZES), rollouts(number, generator)
+    for rollout in given:
+        replay.add(rollout)
     steps = [Rollout(*(x.flatten(1, 2) for x in rollout)) for rollout in given]
     rows = Rollout(*(torch.cat(columns) for columns in zip(*steps, strict=True)))
     first, total = max(0, number * T - capacity), number * T
     seen = set()
     sample = replay.sample(500, STEPS, DISCOUNT, generator)
-    for observation, action, reward, following, discount, tradeoff in zip(*sample, strict=True):
+    for observation, action, reward, following, discount in zip(*sample, strict=True):
         time, world = int(observation), round(10 * (observation.item() % 1))
         assert first <= time < total
         seen.add((time, world))
@@ -71,7 +67,6 @@ def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generato
             if ended or last == total - 1:
                 break
         assert_close(action, rows.action[time, world].tanh())
-        assert torch.equal(tradeoff, tradeoffs[time // T, world // 2])
         assert_close(reward, wanted)
         assert_close(following, rows.final_observation[last, world])
         value = 0.0 if rows.terminated[last, world] else DISCOUNT ** (last - time + 1)
@@ -79,19 +74,9 @@ def test_stretches_end_with_their_episodes_and_never_mix_worlds(number, generato
     assert len(seen) == min(number * T, capacity) * N  # every step of every world
 
 
-VALUED = {  # faster than as published
-    "hyper-sac": {"method.learning_rate": 4e-3},
-    "pd-morl": {"method.updates": 60},
-}
-FAST = {"learning_rate": 4e-3, "target_rate": 0.05}  # of PD-MORL
-UNGUIDED = {"warmup": 0.0, "critic_angle": 0.0, "actor_angle": 0.0}  # angles move the optimum
-
-
-@pytest.mark.parametrize("algorithm", VALUED)
-def test_critics_learn_the_values_of_actions(algorithm, constants):
+def test_critics_learn_the_values_of_actions():
     """An episode of the task is one step, so the value of an action is its reward."""
-    constants("pd-morl", **FAST, **UNGUIDED)
-    learner = trained(small(algorithm, 20, **VALUED[algorithm]), 20)
+    learner = trained(small("hyper-sac", 20, **{"method.learning_rate": 4e-3}), 20)
     action = 0.6 * (2 * torch.rand(200, 2, generator=learner.generator) - 1)
     rewards = Quadratic.returns(action)
     tradeoffs = torch.tensor([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
@@ -99,9 +84,8 @@ def test_critics_learn_the_values_of_actions(algorithm, constants):
     rows = torch.cat([seen, action.expand(3, -1, -1)], -1)
     with torch.no_grad():
         found = learner.agent.critic.run(learner.agent.critic(tradeoffs), rows)
-    scale = learner._scale() if algorithm == "hyper-sac" else 1.0
     for twin in found.chunk(2, -1):
-        assert (twin * scale - rewards).abs().mean() < 0.06
+        assert (twin * learner._scale() - rewards).abs().mean() < 0.06
 
 
 def untrained(monkeypatch, **changes: Any) -> HyperSAC:
@@ -111,7 +95,7 @@ def untrained(monkeypatch, **changes: Any) -> HyperSAC:
     def sample(number: int, *_: Any) -> Transitions:
         seen, nothing = torch.ones(number, 1), torch.zeros(number, 2)
         action = 2 * torch.rand(number, 2, generator=learner.generator) - 1
-        return Transitions(seen, action, nothing, seen, 0.5 * seen, nothing)
+        return Transitions(seen, action, nothing, seen, 0.5 * seen)
 
     monkeypatch.setattr(learner.replay, "sample", sample)
     return learner
@@ -169,72 +153,6 @@ def test_the_temperature_falls_while_actions_have_more_entropy_than_wanted(
     assert sign * (learner.log_temperature.item() - before) > 0.005
 
 
-@pytest.mark.parametrize("m", [2, 3])
-def test_directions_of_key_tradeoffs_are_those_of_their_returns(m):
-    keys = typical_tradeoffs(m)
-    assert_close(Interpolator(m, torch.device("cpu"))(keys), keys)  # before any return is known
-    found, returns = Interpolator(m, torch.device("cpu")), 100 * torch.rand(m + 1, m).double()
-    found.observe(returns)
-    directions = found(keys)
-    assert_close(directions, (returns / returns.sum(1, keepdim=True)).float())
-    found.observe(returns - 1)
-    assert torch.equal(found(keys), directions)  # only better ones count
-    better = returns.clone()
-    better[1] += keys[1]
-    found.observe(better)
-    assert_close(found(keys), (better / better.sum(1, keepdim=True)).float())
-
-
-@pytest.mark.parametrize("weight", [0.0, 3.0])
-def test_angles_turn_policies_towards_the_directions_of_their_tradeoffs(weight, constants):
-    """Halfway between two keys, that is another direction than the one of the best returns."""
-    constants("pd-morl", **FAST, **{**UNGUIDED, "actor_angle": weight, "warmup": 0.5})
-    learner = trained(small("pd-morl", 20, **VALUED["pd-morl"]), 20)
-    tradeoff = torch.tensor([[0.75, 0.25]])
-    found = Quadratic.returns(learner.agent.actors(tradeoff).act(torch.ones(1, 1, 1))[0])
-    wanted = learner.interpolator(tradeoff) if weight else best_returns(tradeoff)
-    first, second = (x[0, 0] / x[0, 1] for x in (found, wanted))
-    assert_close(first, second, rtol=0.1, atol=0)
-
-
-def test_clusters_explore_near_key_tradeoffs_first_and_then_their_own_cells(monkeypatch, constants):
-    constants("pd-morl", warmup=0.5)
-    learner = trained(small("pd-morl", 40), 0)
-    monkeypatch.setattr(learner, "learn", lambda: None)
-    keys = learner.interpolator.keys[torch.arange(CLUSTERS) % 3]
-    for _ in range(20):
-        iterate(learner, 1)
-        assert 0 < (learner.tradeoffs - keys).abs().max() < 0.11
-    centers = even_tradeoffs(CLUSTERS, 2)
-    for _ in range(20):
-        iterate(learner, 1)
-        cells = torch.cdist(learner.tradeoffs, centers).argmin(1)
-        assert torch.equal(cells, torch.arange(CLUSTERS))
-
-
-def test_a_share_of_samples_keeps_its_tradeoff_and_all_do_at_first():
-    learner = trained(small("pd-morl", 40, **{"method.batch": 400}), 0)
-    acted = torch.tensor([0.2, 0.8]).expand(400, 2)
-    for done, kept in ((0.0, 400), (0.5, 100)):
-        learner._done.fill_(done)
-        found = learner._relabeled(acted)
-        assert (found == acted).all(1).sum() == kept
-        assert_close(found.sum(1), torch.ones(400))
-    assert found[kept:, 0].std() > 0.2
-
-
-def test_exploration_is_random_at_first_and_then_noise_around_the_policy(monkeypatch, constants):
-    constants("pd-morl", start=200)
-    learner = trained(small("pd-morl", 40), 0)
-    monkeypatch.setattr(learner, "learn", lambda: None)
-    iterate(learner, 1)  # stores 256 transitions
-    assert learner.rollout.action.tanh().std() == pytest.approx(3**-0.5, rel=0.1)  # uniform
-    iterate(learner, 1)
-    policy = learner.agent.actors(learner.tradeoffs).act(learner.rollout.observation[0])
-    noise = learner.rollout.action.tanh() - policy
-    assert noise.std().item() == pytest.approx(0.1, rel=0.1)
-
-
 @pytest.mark.parametrize(
     ("task", "hold", "share"),
     [
@@ -258,7 +176,7 @@ def test_a_run_without_its_replay_fills_it_before_it_learns(constants):
     config = small("hyper-sac", 20)
     learner = trained(config, 3)
     other = make_learner(config.make_worlds(config.worlds, config.seed), config)
-    del other._process_state["replay"]  # as on a GPU
+    del other._process_state["transitions"]  # as on a GPU
     other.load_state_dict(learner.state_dict())
     before = other.agent.actor.bias.detach().clone()
     for changed in (False, False, True):  # an iteration stores 256 transitions
@@ -271,18 +189,12 @@ def test_a_run_without_its_replay_fills_it_before_it_learns(constants):
     [
         ({"method.batch": 100}, r"must be a multiple of 8 .sampling.clusters.: try --method.batch"),
         ({"scalarization": "chebyshev"}, "hyper-sac needs weighted sums"),
-        (
-            {"algorithm": "pd-morl", "method.updates": 5},
-            r"must be a multiple of 2: try --method.updates 4",
-        ),
-        ({"algorithm": "pd-morl", "max_env_steps": None}, "pd-morl needs max_env_steps"),
     ],
     ids=str,
 )
 def test_what_cannot_work_is_refused(changes, message):
-    changes = dict(changes)
     with pytest.raises(MorlaxError, match=message):
-        small(changes.pop("algorithm", "hyper-sac"), **changes)
+        small("hyper-sac", **changes)
 
 
 def test_targets_start_as_networks_that_another_run_replaced(constants):
@@ -290,4 +202,4 @@ def test_targets_start_as_networks_that_another_run_replaced(constants):
     learner = trained(small("hyper-sac", 10), 0)
     torch.nn.init.normal_(learner.agent.critic.weight)  # as start_from does
     iterate(learner, 1)
-    assert torch.equal(learner.targets[0].weight, learner.agent.critic.weight)
+    assert torch.equal(learner.target.weight, learner.agent.critic.weight)
