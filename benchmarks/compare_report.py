@@ -1,6 +1,7 @@
 """Tables and figures of a comparison, from the rows that compare.py has written.
 
-    python benchmarks/compare_report.py --rows rows.csv --ours MORLAX --figures docs/figures
+    python benchmarks/compare_report.py --rows rows.csv --figures docs/figures --fronts fronts \\
+        --targets hopper=6.0e6
 
 A run counts with the hypervolume of its best checkpoint from noised starts. Tables have the median
 over seeds and its bootstrap interval of 95 %. Differences are paired by seed.
@@ -41,15 +42,20 @@ Runs = dict[str, dict[str, dict[int, Run]]]  # by task, method with its setting,
 
 
 def main(
-    rows: Path, ours: str = "MORLAX", targets: Sequence[str] = (), figures: Path | None = None
+    rows: Path,
+    ours: str = "MORLAX",
+    targets: Sequence[str] = (),
+    figures: Path | None = None,
+    fronts: Path | None = None,
 ) -> None:
-    """Print the tables, and draw the curves.
+    """Print the tables, and draw the figures.
 
     Args:
         rows: CSV file that compare.py has written.
         ours: The method that others are compared with.
         targets: Hypervolumes to reach, such as hopper=6.0e6.
-        figures: Folder to draw curves.png in.
+        figures: Folder to draw in: curves.png, times.png for targets, overlaid.png for fronts.
+        fronts: Folder of the fronts that compare.py has saved.
     """
     runs = runs_of(read(rows))
     if not runs:
@@ -60,11 +66,17 @@ def main(
     for evaluation in ("noised", "best"):
         console.print(f"Hypervolume, {evaluation}\n\n{volumes_table(runs, evaluation)}")
     console.print(f"Difference to {ours}, %\n\n{differences_table(runs, ours)}")
-    reached = dict(target.split("=") for target in targets)
+    reached = {task: float(x) for task, x in (target.split("=") for target in targets)}
     if reached:
-        console.print(times_table(runs, {task: float(x) for task, x in reached.items()}))
+        console.print(times_table(runs, reached))
     if figures:
-        curves_figure(runs).savefig(figures / "curves.png", dpi=150)
+        drawn = {"curves": curves_figure(runs)}
+        if reached:
+            drawn["times"] = times_figure(runs, reached)
+        if fronts:
+            drawn["overlaid"] = fronts_figure(runs, fronts)
+        for name, figure in drawn.items():
+            figure.savefig(figures / f"{name}.png", dpi=150)
 
 
 def runs_of(rows: Sequence[Row]) -> Runs:
@@ -175,9 +187,51 @@ def curves_figure(runs: Runs) -> Figure:
             axes.set(xlabel=label, title=task, ylim=(0, None))
             axes.spines[["top", "right"]].set_visible(False)
         row[0].set_ylabel("hypervolume")
-    handles, labels = plots[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    _add_legend(figure)
     return figure
+
+
+def times_figure(runs: Runs, targets: dict[str, float]) -> Figure:
+    """Draw the training seconds of each run to the hypervolume of its task; runs are dots."""
+    figure = Figure(figsize=(2.4 * len(targets), 2.2), layout="constrained")
+    plots = figure.subplots(1, len(targets), squeeze=False, sharey=True)[0]
+    methods = _methods(runs)
+    for axes, (task, target) in zip(plots, targets.items(), strict=True):
+        for row, method in enumerate(methods):
+            times = [time_to(run, target) for run in runs[task].get(method, {}).values()]
+            reached = [time for time in times if time is not None]
+            axes.plot(reached, [row] * len(reached), "o", color=f"C{row}", alpha=0.6, clip_on=False)
+        axes.set(xlabel="training (s)", title=f"{task}, {target:.3g}", xlim=(0, None))
+        axes.set_yticks(range(len(methods)), methods)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(axis="x", alpha=0.3)
+    plots[0].invert_yaxis()
+    return figure
+
+
+def fronts_figure(runs: Runs, folder: Path) -> Figure:
+    """Draw the non-dominated returns of each method's median run."""
+    figure = Figure(figsize=(2.4 * len(runs), 2.8), layout="constrained")
+    for axes, (task, of_task) in zip(figure.subplots(1, len(runs)), runs.items(), strict=True):
+        for number, method in enumerate(_methods(runs)):
+            of_method = of_task.get(method, {})
+            ranked = sorted(of_method, key=lambda seed: float(of_method[seed].best["hypervolume"]))
+            if not ranked:
+                continue
+            seed = ranked[len(ranked) // 2]
+            with np.load(folder / f"{task}, {method}, {seed}.npz") as front:
+                points, names = front["returns"][front["non_dominated"]], front["objectives"]
+            axes.plot(*points[:, :2].T, ".", color=f"C{number}", ms=3, label=method)
+        axes.set(xlabel=names[0], ylabel=names[1], title=task)
+        axes.spines[["top", "right"]].set_visible(False)
+    _add_legend(figure)
+    return figure
+
+
+def _add_legend(figure: Figure) -> None:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    options = {"loc": "outside lower center", "ncols": 4, "frameon": False}
+    figure.legend(handles, labels, markerscale=3, **options)
 
 
 def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:

@@ -1,4 +1,4 @@
-"""Write the section of shipped policies in results.md, and their images: python docs/gallery.py"""
+"""Write the section of shipped policies in tasks.md, and their images: python docs/gallery.py"""
 
 import argparse
 import csv
@@ -132,7 +132,7 @@ def main() -> None:
             device="two CPU cores" if on_cpu else "one NVIDIA H200",
             command=command(policy.config),
         )
-    page = DOCS / "results.md"
+    page = DOCS / "tasks.md"
     before, _, _ = page.read_text().partition(HEADING)
     page.write_text(before + HEADING + text)
     for picture in (*DOCS.glob("gallery/*.png"), *DOCS.glob("figures/*.png")):

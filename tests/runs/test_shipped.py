@@ -45,7 +45,7 @@ def test_an_export_named_like_a_shipped_policy_does_not_hide_it(tmp_path, monkey
 
 @pytest.mark.parametrize("name", SHIPS)
 def test_the_gallery_s_command_gives_the_shipped_config(name, monkeypatch):
-    page = (Path(__file__).parents[2] / "docs" / "results.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "tasks.md").read_text()
     (line,) = re.findall(rf"^morlax train (--env {name} .*)", page, re.MULTILINE)
     monkeypatch.setattr(envs, "resolve_device", lambda _: torch.device("cuda:0"))
     config, _, _ = arguments.read(shlex.split(line))
