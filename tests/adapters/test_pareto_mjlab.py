@@ -9,9 +9,11 @@ import pytest
 import torch
 
 from morlax_torch import load
+from morlax_torch.__main__ import command
 from morlax_torch.exports.exporting import export
 from morlax_torch.rsl_rl import specialize
-from morlax_torch.viewers.player import Player
+from morlax_torch.viewers.explorer import library
+from morlax_torch.viewers.explorer.session import Session
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
@@ -85,12 +87,18 @@ def test_a_checkpoint_of_mjlab_is_a_run(run, tmp_path):
     assert own.pop("is_alive") == pytest.approx(0.2)
     paid = {name: weight for name, weight in own.items() if weight}
     assert paid == pytest.approx(dict.fromkeys(paid, 1.0)) and len(paid) == 10  # mjlab's reward
-    player = Player(policy, (0.2, 0.3, 0.5))
-    for _ in range(3):
-        player.step()
     assert export(policy, tmp_path / "policy.onnx") < 1e-5
     session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
     assert len(session.get_inputs()) == 2  # the trade-off stays an input
+
+
+def test_a_checkpoint_of_mjlab_is_explored_exported_and_played(run, tmp_path, capsys):
+    session = Session.open(library.choose(str(run)))
+    session.tradeoff = (0.2, 0.3, 0.5)
+    assert [session.advance(second / 10) for second in range(3)] == [0, 5, 5]  # of 20 ms
+    command(["export", str(run), "--output", str(tmp_path / "family.onnx")])
+    command(["play", str(tmp_path), "--episodes", "1", "--seconds", "1"])  # in C MuJoCo
+    assert "cost of transport" in capsys.readouterr().out
 
 
 def test_one_flag_and_a_file_train_a_front_in_a_task_of_mjlab(monkeypatch, tmp_path):
