@@ -140,8 +140,7 @@ class ParetoPPO(PPO):
         actions = super().act(obs[:learning])
         if self.front is None:
             return actions
-        rows = self.actor.get_latent(obs[learning:])[:, None]
-        outputs = self.actor.family.run(self._graded, rows)[:, 0]
+        outputs = self.actor.run(obs[learning:], self.front.tradeoffs, self._graded)
         assert self.actor.distribution is not None
         return torch.cat([actions, self.actor.distribution.deterministic_output(outputs)])
 

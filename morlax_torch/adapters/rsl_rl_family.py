@@ -81,7 +81,10 @@ class FamilyModel(MLPModel):
         hidden_state: Any = None,
         stochastic_output: bool = False,
     ) -> Tensor:
-        output = self.run(obs, self.tradeoffs if self.training else self.shown)
+        if self.training:
+            output = self.run(obs, self.tradeoffs, self._parameters_of_rollout)
+        else:
+            output = self.run(obs, self.shown)
         if self.distribution is None:
             return output
         if stochastic_output:
@@ -89,9 +92,13 @@ class FamilyModel(MLPModel):
             return self.distribution.sample()
         return self.distribution.deterministic_output(output)
 
-    def run(self, obs: TensorDict, tradeoffs: Tensor) -> Tensor:
-        """Return the outputs of B rows; row r is of trade-off r % K of (K, m)."""
-        parameters = self._parameters_of_rollout if self.training else None
+    def run(
+        self, obs: TensorDict, tradeoffs: Tensor, parameters: dict[str, Tensor] | None = None
+    ) -> Tensor:
+        """Return the outputs of B rows; row r is of trade-off r % K of (K, m).
+
+        `parameters` are those of the trade-offs, if they were generated before.
+        """
         rows = self.get_latent(obs).unflatten(0, (-1, len(tradeoffs))).transpose(0, 1)
         outputs = self.family.run(parameters or self.family(tradeoffs), rows)  # (K, B / K, ...)
         return outputs.transpose(0, 1).flatten(0, 1)
@@ -211,7 +218,7 @@ class WorldFront(nn.Module):
     networks went on learning.
     """
 
-    tradeoffs: Tensor  # (E, m)
+    tradeoffs: Tensor  # (K', m); world e has trade-off e % K'
     sums: Tensor  # (E, m) of the episodes under way
     last: Tensor  # (E, m) returns of the last episodes
     worst: Tensor  # (m,) returns of any trade-off so far
@@ -226,10 +233,9 @@ class WorldFront(nn.Module):
             )
         self.worlds, self.reference_point = worlds, reference_point
         self.number = worlds // EPISODES  # of trade-offs
-        grid = even_tradeoffs(self.number, m).repeat(EPISODES, 1)
-        self.register_buffer("tradeoffs", grid)
-        self.register_buffer("sums", torch.zeros_like(grid))
-        self.register_buffer("last", torch.full_like(grid, float("nan")))
+        self.register_buffer("tradeoffs", even_tradeoffs(self.number, m))
+        self.register_buffer("sums", torch.zeros(worlds, m, dtype=torch.float32))
+        self.register_buffer("last", torch.full_like(self.sums, math.nan))
         self.register_buffer("worst", torch.full((m,), math.inf, dtype=torch.float32))
         self.register_buffer("begun", torch.zeros(worlds, 1, dtype=torch.bool))
         self.to(device)
