@@ -82,7 +82,7 @@ def main(output: Path, device: str = "cpu", iterations: int = 3, repeats: int = 
         repeats: of all methods, in turns.
     """
     torch.set_num_threads(1)
-    torch.backends.fp32_precision = "tf32"  # as mjlab's command does
+    torch.backends.cuda.matmul.fp32_precision = "tf32"  # as mjlab's command does
     methods: dict[str, dict[str, Any]] = {"PPO": {"class_name": "PPO"}}
     for K in (8, 16, 32, 128):
         pareto = {"class_name": "morlax_torch.rsl_rl:ParetoPPO", "terms": f"{__name__}:terms_of"}

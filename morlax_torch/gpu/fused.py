@@ -67,14 +67,6 @@ def mlp(x: Tensor, sizes: tuple[int, ...] | None, network: nn.Module) -> Tensor:
     return mlps(x[None], sizes, parameters, lambda: network(x)[None]).squeeze(0)
 
 
-def _may_round() -> bool:
-    """Return whether matrix products may round to TF32, as the fused ones do."""
-    try:
-        return torch.get_float32_matmul_precision() != "highest"
-    except RuntimeError:  # the host set it by torch's newer options, which mjlab does
-        return torch.backends.cuda.matmul.fp32_precision == "tf32"
-
-
 def _suits(x: Tensor, parameters: Sequence[Tensor]) -> bool:
     """Return whether the kernels can and should run these networks."""
     return (
@@ -85,7 +77,7 @@ def _suits(x: Tensor, parameters: Sequence[Tensor]) -> bool:
         and not x.requires_grad
         and (len(x) == 1 or x.shape[1] >= FEWEST_ROWS)
         and all(p.dtype == x.dtype and p[0].is_contiguous() for p in parameters)
-        and _may_round()
+        and torch.backends.cuda.matmul.fp32_precision == "tf32"  # which they round to
         and not (  # a tracer, compiler or transform of torch.func is at work
             torch.jit.is_tracing()
             or torch.compiler.is_compiling()

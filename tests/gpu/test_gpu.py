@@ -17,6 +17,7 @@ from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.gpu import fused
 from morlax_torch.gpu.graph import Branch, Graph
+from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.train import train
 
 pytestmark = [
@@ -343,3 +344,14 @@ def test_robots_learn_in_ten_seconds(task: str, least: float, tmp_path, capsys):
     with capsys.disabled():
         print(f"\n{task}: hypervolume {max(reached):.3g} after 10 s, needs {least:.3g}")
     assert max(reached) > least
+
+
+def test_a_family_runs_where_a_host_has_set_the_precision(monkeypatch):
+    """mjlab sets it by torch's newer option, after which the older one cannot be read."""
+    monkeypatch.setattr(torch.backends.cuda.matmul, "fp32_precision", "tf32")
+    family = Hypernetwork(nn.Linear(3, 2), num_objectives=2)
+    tradeoffs, inputs = torch.rand(4, 2), torch.randn(4, 5, 3)
+    expected = family.run(family(tradeoffs), inputs)
+    family.cuda()
+    outputs = family.run(family(tradeoffs.cuda()), inputs.cuda())
+    torch.testing.assert_close(outputs.cpu(), expected, atol=1e-2, rtol=1e-2)
