@@ -346,12 +346,16 @@ def test_robots_learn_in_ten_seconds(task: str, least: float, tmp_path, capsys):
     assert max(reached) > least
 
 
-def test_a_family_runs_where_a_host_has_set_the_precision(monkeypatch):
+def test_a_family_runs_where_a_host_has_set_the_precision():
     """mjlab sets it by torch's newer option, after which the older one cannot be read."""
-    monkeypatch.setattr(torch.backends.cuda.matmul, "fp32_precision", "tf32")
-    family = Hypernetwork(nn.Linear(3, 2), num_objectives=2)
-    tradeoffs, inputs = torch.rand(4, 2), torch.randn(4, 5, 3)
-    expected = family.run(family(tradeoffs), inputs)
-    family.cuda()
-    outputs = family.run(family(tradeoffs.cuda()), inputs.cuda())
+    matmul = torch.backends.cuda.matmul
+    before, matmul.fp32_precision = matmul.fp32_precision, "tf32"
+    try:
+        family = Hypernetwork(nn.Linear(3, 2), num_objectives=2)
+        tradeoffs, inputs = torch.rand(4, 2), torch.randn(4, 5, 3)
+        expected = family.run(family(tradeoffs), inputs)
+        family.cuda()
+        outputs = family.run(family(tradeoffs.cuda()), inputs.cuda())
+    finally:
+        matmul.fp32_precision = before
     torch.testing.assert_close(outputs.cpu(), expected, atol=1e-2, rtol=1e-2)
