@@ -211,8 +211,8 @@ def _train_all(
 def _show(card: int | None) -> None:
     """Let a process see one of the GPUs that this one sees."""
     if card is not None:
-        seen = os.environ.get("CUDA_VISIBLE_DEVICES")
-        os.environ["CUDA_VISIBLE_DEVICES"] = seen.split(",")[card] if seen else str(card)
+        visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+        os.environ["CUDA_VISIBLE_DEVICES"] = visible.split(",")[card] if visible else str(card)
 
 
 def measured(job: Job, fronts: Path | None, device: str | None) -> list[dict[str, Any]]:

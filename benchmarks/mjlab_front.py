@@ -20,7 +20,7 @@ from morlax_torch.envs import resolve_device
 def main(
     runs: tyro.conf.Positional[tuple[Path, ...]],
     peers: tuple[Path, ...] = (),
-    own: tuple[float, ...] = (),
+    host_tradeoff: tuple[float, ...] = (),
     tradeoffs: int = 64,
     episodes: int = 24,
     seed: int = 0,
@@ -32,7 +32,7 @@ def main(
     Args:
         runs: Folders of runs of one task.
         peers: Checkpoints of benchmarks/mjlab_peer.py.
-        own: Trade-off whose nearest policy is reported, too, such as that of the host's weights.
+        host_tradeoff: Trade-off with the host's own weights; the nearest policy is reported.
         tradeoffs: Number of policies of each run.
         episodes: Episodes that each policy walks.
         seed: Seed of the episodes.
@@ -46,8 +46,8 @@ def main(
         walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
         free = {"non-dominated": str((~dominated(walks.returns, walks.returns)).sum())}
         reported = [("best tracking", walks.best), ("least power", walks.cheapest)]
-        if own:
-            distances = np.linalg.norm(walks.front.tradeoffs - np.array(own), axis=1)
+        if host_tradeoff:
+            distances = np.linalg.norm(walks.front.tradeoffs - np.array(host_tradeoff), axis=1)
             reported.append(("own weights", int(distances.argmin())))
         for label, index in reported:
             weights, values = walks.told(index)

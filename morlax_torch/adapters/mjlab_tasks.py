@@ -16,8 +16,8 @@ DEFAULTS = ParetoOptions.model_fields
 
 # Factors on the terms as mjlab pays them; one that it does not pay has a weight of one. With the
 # guide, the trade-off (1/2, 1/2, 0) gives every term mjlab's own weight, and adds to being alive.
-OWN = 0.4  # factor of the guide on a term that objectives have, too
-MORE = 2 * (1 - OWN)  # factor of such an objective
+GUIDED = 0.4  # factor of the guide on a term that objectives have, too
+TRADED = 2 * (1 - GUIDED)  # factor of such an objective
 EFFORT: dict[str, Group] = {
     "Go1": {"is_alive": 1.5, "electrical_power_cost": -0.03, "joint_torques_l2": -0.0012},
     "G1": {"is_alive": 1.2, "electrical_power_cost": -0.004, "joint_torques_l2": -0.00016},
@@ -61,7 +61,7 @@ for name in registry.list_tasks():
     robot = next((word for word in words if word in EFFORT), None)
     if kind in OTHERS and robot:
         terms = OTHERS[kind]
-        objectives = {title: dict.fromkeys(terms[title], MORE) for title in terms}
-        objectives["smoothness"]["is_alive"] = OWN
-        guide = {"*": 1.0} | {term: OWN for title in terms for term in terms[title]}
+        objectives = {title: dict.fromkeys(terms[title], TRADED) for title in terms}
+        objectives["smoothness"]["is_alive"] = GUIDED
+        guide = {"*": 1.0} | {term: GUIDED for title in terms for term in terms[title]}
         register(name, {**objectives, "effort": EFFORT[robot]}, guide)
