@@ -86,7 +86,7 @@ def main(output: Path, device: str = "cpu", iterations: int = 3, repeats: int = 
     methods: dict[str, dict[str, Any]] = {"PPO": {"class_name": "PPO"}}
     for K in (8, 16, 32, 128):
         pareto = {"class_name": "morlax_torch.rsl_rl:ParetoPPO", "terms": f"{__name__}:terms_of"}
-        methods[f"ParetoPPO, K = {K}"] = {**pareto, "tradeoffs": K}
+        methods[f"ParetoPPO, K = {K}"] = {**pareto, "tradeoffs": K, "warmup": 0}
     name = "one CPU thread" if device == "cpu" else torch.cuda.get_device_name(device)
     with output.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")

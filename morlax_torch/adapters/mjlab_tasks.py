@@ -15,7 +15,8 @@ Group = dict[str, float]
 DEFAULTS = ParetoOptions.model_fields
 
 # Factors on the terms as mjlab pays them; one that it does not pay has a weight of one. With the
-# guide, the trade-off (1/2, 1/2, 0) gives every term mjlab's own weight, and adds to being alive.
+# guide, the focus gives every term mjlab's own weight, and adds to being alive.
+FOCUS = (0.5, 0.5, 0.0)
 GUIDED = 0.4  # factor of the guide on a term that objectives have, too
 TRADED = 2 * (1 - GUIDED)  # factor of such an objective
 EFFORT: dict[str, Group] = {
@@ -38,6 +39,8 @@ class ParetoPpoCfg(RslRlPpoAlgorithmCfg):
     tradeoffs: int = DEFAULTS["tradeoffs"].default
     features: int = DEFAULTS["features"].default
     evaluation_worlds: int = DEFAULTS["evaluation_worlds"].default
+    focus: tuple[float, ...] = ()
+    warmup: int = DEFAULTS["warmup"].default
     reference_point: tuple[float, ...] = ()
     task: str = ""
 
@@ -47,7 +50,8 @@ def register(task: str, objectives: dict[str, Group], guide: Group) -> None:
     rl = registry.load_rl_cfg(task)
     ppo = {option.name: getattr(rl.algorithm, option.name) for option in fields(rl.algorithm)}
     ppo["class_name"] = ParetoPpoCfg.class_name
-    algorithm = ParetoPpoCfg(**ppo, objectives=objectives, guide=guide, task=f"mjlab:{task}")
+    split = {"objectives": objectives, "guide": guide, "focus": FOCUS}
+    algorithm = ParetoPpoCfg(**ppo, **split, task=f"mjlab:{task}")
     configs = [registry.load_env_cfg(task, play=play) for play in (False, True)]
     for config in configs:
         add_terms(config)

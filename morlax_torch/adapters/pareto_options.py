@@ -32,6 +32,11 @@ class ParetoOptions(BaseModel):
     features: PositiveInt = 6
     """F, the number of features that generated parameters are affine in. A family has F + 1 times
     the parameters of one policy."""
+    focus: tuple[float, ...] | None = None
+    """The trade-off where training starts as plain PPO. None: the balanced one, which has the
+    host's weights if neither objectives nor guide are given."""
+    warmup: NonNegativeInt = 150
+    """Rollouts that learn the focus alone, before they learn K trade-offs."""
     evaluation_worlds: NonNegativeInt = 256
     """Worlds that show the front instead of learning, eight for each trade-off of a fixed grid."""
     reference_point: tuple[float, ...] | None = None

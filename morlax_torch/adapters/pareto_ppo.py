@@ -14,7 +14,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from ..configuration.config import Config
-from ..configuration.tradeoffs import even_tradeoffs, parse_tradeoff, sample_cells
+from ..configuration.tradeoffs import even_tradeoffs, one_tradeoff, parse_tradeoff, sample_cells
 from ..envs import MorlaxError
 from ..envs.errors import LONGEST, line
 from ..envs.worlds.options import check_objectives
@@ -36,16 +36,17 @@ class ParetoPPO(PPO):
     `ParetoOptions`; a YAML file that the environment variable MORLAX_PARETO names may hold the
     latter. Every rollout learns K trade-offs. The reward of a trade-off w is guide + sum_i w_i r_i,
     whose advantages are estimated per objective, weighted by w and normalized per trade-off. The
-    update is rsl_rl's own.
+    update is rsl_rl's own. The first rollouts learn the focus alone, as PPO does.
 
-    Every checkpoint also holds the plain actor of the balanced trade-off, which an unmodified play
-    script loads, and the family as a run of morlax, if `task` names it. The environment
-    variable MORLAX_TRADEOFF changes what such a script shows: weights such as 0.2,0.8, or `all`,
-    which spreads trade-offs over the worlds.
+    Every checkpoint also holds the plain actor of the focus, which an unmodified play script loads,
+    and the family as a run of morlax, if `task` names it. The environment variable MORLAX_TRADEOFF
+    changes what such a script shows: weights such as 0.2,0.8, or `all`, which spreads trade-offs
+    over the worlds.
 
     Args:
         actor, critic: of m objectives.
         storage: rows of the worlds that learn, the first ones.
+        warmup: rollouts that learn the actor's focus alone.
         rewards: binds to the worlds when training starts, and returns their rewards.
         front: of the other worlds.
         objectives: their names.
@@ -63,6 +64,7 @@ class ParetoPPO(PPO):
         critic: FamilyModel,
         storage: FamilyStorage,
         *,
+        warmup: int,
         rewards: Callable[[], ObjectiveRewards],
         front: WorldFront | None,
         objectives: Sequence[str],
@@ -74,6 +76,7 @@ class ParetoPPO(PPO):
         self._bind, self._make_config = rewards, config
         self._rewards: ObjectiveRewards | None = None
         self._config: Config | None = None
+        self._warmup, self._rollouts = warmup, 0
         self._centers = actor.tradeoffs
         self._paid = torch.zeros_like(actor.tradeoffs[0])
         self._logged: dict[str, float] = {}
@@ -99,6 +102,7 @@ class ParetoPPO(PPO):
         except ValueError as error:
             raise MorlaxError(f"{error}.") from None
         worlds, m, K = env.num_envs, len(names), options.tradeoffs
+        focus = one_tradeoff(options.focus or [1.0] * m, names, torch.device("cpu"))
         front, rewards = None, bind
         if worlds < K + options.evaluation_worlds:  # to play
             K, rewards = 1, partial(_refuse_to_learn, worlds, options)
@@ -108,8 +112,8 @@ class ParetoPPO(PPO):
 
         def model(name: str, outputs: int) -> FamilyModel:
             network = {key: value for key, value in cfg[name].items() if key != "class_name"}
-            family = FamilyModel(obs[:1], groups, name, outputs, m, options.features, **network)
-            return family.to(device)
+            focused = focus / focus.sum(), options.features
+            return FamilyModel(obs[:1], groups, name, outputs, *focused, **network).to(device)
 
         actor, critic = model("actor", env.num_actions), model("critic", m)
         if shown := os.environ.get(TRADEOFF):
@@ -125,6 +129,7 @@ class ParetoPPO(PPO):
         return kind(
             *(actor, critic, storage),
             device=device,
+            warmup=options.warmup,
             rewards=rewards,
             front=front,
             objectives=names,
@@ -153,9 +158,15 @@ class ParetoPPO(PPO):
             m = self.actor.tradeoffs.shape[1]
             self._centers = even_tradeoffs(max(K, m), m).to(self.device)
         tradeoffs = torch.empty_like(self._centers)
-        sample_cells(tradeoffs, self._centers)
-        self.actor.begin_rollout(tradeoffs[:K])
-        self.critic.begin_rollout(tradeoffs[:K])
+        if warm := self._rollouts >= self._warmup:
+            sample_cells(tradeoffs, self._centers)
+        else:
+            tradeoffs, K = self.actor.focus[None], 1
+        self._rollouts += 1
+        for model in (self.actor, self.critic):
+            model.family.features.requires_grad_(warm)
+            model.family.weight.requires_grad_(warm)
+            model.begin_rollout(tradeoffs[:K])
         self._paid.zero_()
         if self.front:
             self._graded = self.actor.family(self.front.tradeoffs)
@@ -209,6 +220,7 @@ class ParetoPPO(PPO):
                 },
                 "optimizer": compact(self.optimizer.state_dict()),
                 "front": self.front.state_dict() if self.front else {},
+                "rollouts": self._rollouts,
             },
         }
         if self._config is not None:
@@ -226,6 +238,7 @@ class ParetoPPO(PPO):
             self.actor.start_from(loaded_dict["actor_state_dict"])
             if load_cfg is None or load_cfg.get("critic"):
                 self.critic.start_from(loaded_dict["critic_state_dict"])
+            self._rollouts = self._warmup
             return False
         states = {
             "actor_state_dict": family["actor"],
@@ -233,8 +246,10 @@ class ParetoPPO(PPO):
             "optimizer_state_dict": expanded(family["optimizer"]),
         }
         try:
-            if self.front and family["front"] and load_cfg is None:
-                self.front.load_state_dict(family["front"])
+            if load_cfg is None:
+                self._rollouts = family["rollouts"]
+                if self.front and family["front"]:
+                    self.front.load_state_dict(family["front"])
             return super().load(states, load_cfg, strict)
         except RuntimeError as error:
             raise MorlaxError(

@@ -35,7 +35,7 @@ def settings(kind: str = PARETO, **algorithm: Any) -> dict[str, Any]:
     network = {"class_name": "MLPModel", "hidden_dims": [32, 32], "activation": "elu"}
     network["obs_normalization"] = True
     spread = {"class_name": "GaussianDistribution", "init_std": 0.5, "std_type": "scalar"}
-    options = {"objectives": OBJECTIVES, "tradeoffs": 8, "evaluation_worlds": 32}
+    options = {"objectives": OBJECTIVES, "tradeoffs": 8, "evaluation_worlds": 32, "warmup": 10}
     algorithm = (options if kind == PARETO else {}) | algorithm
     return {
         "seed": 1,
@@ -137,7 +137,26 @@ def test_a_specialized_checkpoint_is_that_of_unmodified_ppo(trained, tmp_path):
     assert (tmp_path / f"model_{plain.current_learning_iteration}.pt").is_file()
 
 
-def test_an_unmodified_play_script_shows_the_balanced_tradeoff(trained):
+def test_a_warmup_learns_the_focus_alone():
+    torch.manual_seed(2)
+    runner, obs = make(focus=(3.0, 1.0), warmup=3), Points().get_observations()
+    obs["actor"].normal_()
+    tradeoffs, actor = torch.eye(2), runner.alg.actor
+
+    def outputs() -> torch.Tensor:
+        with torch.no_grad():
+            return actor.run(obs[:1].expand(2), tradeoffs)[:, 0]
+
+    before, _ = outputs()
+    runner = learn(runner, 3)
+    assert torch.equal(*outputs()) and not torch.equal(outputs()[0], before)
+    assert actor.tradeoffs.tolist() == [[0.75, 0.25]]
+    learn(runner, 3)
+    one, other = outputs()
+    assert len(actor.tradeoffs) == 8 and not torch.equal(one, other)
+
+
+def test_an_unmodified_play_script_shows_the_focus(trained):
     runner, folder = trained
     plain = make(kind="PPO")
     plain.load(str(folder / "model_59.pt"), {"actor": True})
@@ -184,7 +203,8 @@ def test_training_resumes_and_starts_from_a_plain_checkpoint(trained, tmp_path):
         assert torch.allclose(family.alg.actor(obs), actions, atol=1e-6)
         assert torch.allclose(family.alg.critic(obs), values.expand(-1, 2), atol=1e-5)
     family.alg.train_mode()
-    learn(family, 1)
+    learn(family, 1)  # its policy has warmed up
+    assert len(family.alg.actor.tradeoffs) == 8
 
 
 def test_a_checkpoint_is_a_run(trained):
@@ -283,6 +303,7 @@ def test_the_host_s_own_split_needs_no_word():
         ({"objectives": {"a": {"effort": 1.0}}}, "at least two objectives"),
         ({"rnd_cfg": {"weight": 1.0}}, "remove rnd_cfg"),
         ({"tradeofs": 8}, "tradeofs"),
+        ({"focus": (1.0, 0.0, 0.0)}, "needs 2 numbers \\(tracking, saving\\)"),
     ],
 )
 def test_wrong_options_are_one_sentence(options, message):

@@ -1,6 +1,7 @@
 """On CUDA, recorded graphs match eager execution, and robots learn."""
 
 import gc
+import warnings
 from typing import Any
 
 import gymnasium
@@ -347,7 +348,10 @@ def test_robots_learn_in_ten_seconds(task: str, least: float, tmp_path, capsys):
 
 
 def test_a_family_runs_where_a_host_has_set_the_precision():
-    """mjlab sets it by torch's newer option, after which the older one cannot be read."""
+    """mjlab sets it by torch's newer option, after which the older one cannot be read.
+
+    rsl_rl then runs policies in inference mode, in which nothing can be differentiated.
+    """
     matmul = torch.backends.cuda.matmul
     before, matmul.fp32_precision = matmul.fp32_precision, "tf32"
     try:
@@ -355,7 +359,9 @@ def test_a_family_runs_where_a_host_has_set_the_precision():
         tradeoffs, inputs = torch.rand(4, 2), torch.randn(4, 5, 3)
         expected = family.run(family(tradeoffs), inputs)
         family.cuda()
-        outputs = family.run(family(tradeoffs.cuda()), inputs.cuda())
+        fused.kernels.cache_clear()
+        with torch.inference_mode(), warnings.catch_warnings(action="error"):
+            outputs = family.run(family(tradeoffs.cuda()), inputs.cuda())
     finally:
         matmul.fp32_precision = before
     torch.testing.assert_close(outputs.cpu(), expected, atol=1e-2, rtol=1e-2)
