@@ -16,7 +16,7 @@ def main(file: str) -> None:
     env = Points(24)
     network = {"hidden_dims": [8], "obs_normalization": True}
     spread = {"class_name": "GaussianDistribution"}
-    options = {"objectives": OBJECTIVES, "tradeoffs": 4, "evaluation_worlds": 0}
+    options = {"objectives": OBJECTIVES, "tradeoffs": 4, "evaluation_worlds": 0, "warmup": 1}
     settings = {
         "num_steps_per_env": 4,
         "obs_groups": {"actor": ["actor"], "critic": ["critic"]},
@@ -28,18 +28,17 @@ def main(file: str) -> None:
     obs = env.get_observations()
     learner = ParetoPPO.construct_algorithm(obs, env, settings, "cpu")
     learner.broadcast_parameters()
-    tradeoffs = []
     for _ in range(2):
         with torch.inference_mode():
             for _ in range(4):
                 obs, rewards, dones, extras = env.step(learner.act(obs))
                 learner.process_env_step(obs, rewards, dones, extras)
-            tradeoffs.append(learner.actor.tradeoffs.clone())
+            tradeoffs = learner.actor.tradeoffs.clone()
             learner.compute_returns(obs)
         learner.update()
     parameters = [*learner.actor.parameters(), *learner.critic.parameters()]
     flat = torch.cat([values.detach().flatten() for values in parameters])
-    torch.save((flat, torch.stack(tradeoffs)), f"{file}{rank}.pt")
+    torch.save((flat, tradeoffs), f"{file}{rank}.pt")
 
 
 if __name__ == "__main__":

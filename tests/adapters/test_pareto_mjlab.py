@@ -25,7 +25,11 @@ OPTIONS = {
     "--agent.logger": "tensorboard",
     "--gpu-ids": None,
 }
-PARETO = {"--agent.algorithm.tradeoffs": 2, "--agent.algorithm.evaluation-worlds": 24}
+PARETO = {
+    "--agent.algorithm.tradeoffs": 2,
+    "--agent.algorithm.evaluation-worlds": 24,
+    "--agent.algorithm.warmup": 1,
+}
 
 
 def run_train(monkeypatch: Any, task: str, folder: Path, **options: Any) -> Path:
@@ -69,7 +73,7 @@ def policy_of_play(monkeypatch: Any, task: str, checkpoint: Path) -> Any:
 def test_mjlab_s_play_shows_the_front_s_policies(run, monkeypatch, tmp_path):
     plain = policy_of_play(monkeypatch, f"Mjlab-{TASK}", run / "model_1.pt")
     family = policy_of_play(monkeypatch, f"Pareto-{TASK}", run / "model_1.pt")
-    specialize(run / "model_1.pt", (1, 1, 1), tmp_path / "model_9.pt")
+    specialize(run / "model_1.pt", (1, 1, 0), tmp_path / "model_9.pt")
     special = policy_of_play(monkeypatch, f"Mjlab-{TASK}", tmp_path / "model_9.pt")
     observation = torch.randn(5, plain.obs_dim)
     with torch.no_grad():
