@@ -7,9 +7,9 @@ import csv
 from pathlib import Path
 
 import mjlab_peer
-import numpy as np
 import tyro
-from mjlab_walks import dominated, walk
+from matplotlib.figure import Figure
+from mjlab_walks import ERROR, POWER, dominated, walk
 from rich.table import Table
 
 from morlax_torch import load
@@ -20,39 +20,38 @@ from morlax_torch.envs import resolve_device
 def main(
     runs: tyro.conf.Positional[tuple[Path, ...]],
     peers: tuple[Path, ...] = (),
-    host_tradeoff: tuple[float, ...] = (),
     tradeoffs: int = 64,
     episodes: int = 24,
     seed: int = 0,
     device: str | None = None,
     output: Path | None = None,
+    figure: Path | None = None,
 ) -> None:
     """Print how the best policies of runs walk, and which of their fronts dominate the peers.
 
     Args:
         runs: Folders of runs of one task.
-        peers: Checkpoints of benchmarks/mjlab_peer.py.
-        host_tradeoff: Trade-off with the host's own weights; the nearest policy is reported.
+        peers: Checkpoints of benchmarks/mjlab_peer.py. Of ParetoPPO's, the focus walks.
         tradeoffs: Number of policies of each run.
         episodes: Episodes that each policy walks.
         seed: Seed of the episodes.
         device: cuda or cpu (None: CUDA if available).
         output: CSV file of rows.
+        figure: Image of all policies and the peers.
     """
     target = resolve_device(device)
     rows, fronts, verdicts = [], [], []
+    drawing = Figure(figsize=(4.2, 3.2), layout="constrained")
+    axes = drawing.subplots()
     for run in runs:
         policy = load(run, target)
         walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
         free = {"non-dominated": str((~dominated(walks.returns, walks.returns)).sum())}
-        reported = [("best tracking", walks.best), ("least power", walks.cheapest)]
-        if host_tradeoff:
-            distances = np.linalg.norm(walks.front.tradeoffs - np.array(host_tradeoff), axis=1)
-            reported.append(("own weights", int(distances.argmin())))
-        for label, index in reported:
+        for label, index in (("best tracking", walks.best), ("least power", walks.cheapest)):
             weights, values = walks.told(index)
             rows.append((run.name, label, weights, values | free))
         fronts.append(walks.returns)
+        axes.scatter(*walks.front.quantities[:, [ERROR, POWER]].T, s=14, label=run.stem)
     for file in peers:
         task = policy.config.env.rpartition(":")[2]
         loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})
@@ -60,6 +59,7 @@ def main(
         peer = mjlab_peer.load_peer(task, file, str(target))
         walks = walk(peer, config, tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
+        axes.scatter(*walks.front.quantities[0, [ERROR, POWER]], s=70, marker="*", label=file.stem)
         better = [
             run.name
             for run, front in zip(runs, fronts, strict=True)
@@ -73,6 +73,10 @@ def main(
         table.add_row(name, label, numbers, *(values.get(key, "") for key in shown))
     console.print(table)
     console.print(*verdicts, sep="\n")
+    axes.set(xlabel="error of the velocity (m/s)", ylabel="power (W)")
+    axes.legend()
+    if figure is not None:
+        drawing.savefig(figure, dpi=150)
     if output is not None:
         with output.open("w", newline="") as file:
             writer = csv.writer(file)

@@ -107,7 +107,7 @@ def load_peer(task: str, file: Path, device: str) -> Peer:
     if not file.exists():
         raise MorlaxError(f"{file} is missing: train it with benchmarks/mjlab_peer.py.")
     runner = make_runner(task, 16, device)
-    runner.load(str(file), map_location=device)
+    runner.load(str(file), {"actor": True}, map_location=device)
     return Peer(runner.get_inference_policy(device))
 
 

@@ -102,7 +102,7 @@ def main(
     """
     torch.set_num_threads(1)
     options = {"terms": f"{__name__}:terms_of", "tradeoffs": tradeoffs, "evaluation_worlds": 0}
-    options |= {"class_name": "morlax_torch.rsl_rl:ParetoPPO", "guide": {"run": 0.0}}
+    options |= {"class_name": "morlax_torch.rsl_rl:ParetoPPO", "guide": {"run": 0.0}, "warmup": 0}
     with output.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(("method", "seed", "return_of_running"))

@@ -228,7 +228,7 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys
         mjlab_peer.main(peer, **given, steps=steps)
     # the second call goes on after the first: an iteration is 96 steps
     assert torch.load(peer, weights_only=False)["infos"]["env_steps"] == 192
-    few = {"tradeoffs": 4, "episodes": 2, "device": "cpu"}
+    few = {"tradeoffs": 4, "episodes": 2, "device": "cpu", "figure": tmp_path / "front.png"}
     mjlab_front.main((go1_run,), (peer,), **few, output=rows)
     assert "mjlab: lazy: dominated by" in capsys.readouterr().out
     best, cheapest, lazy = csv.DictReader(rows.read_text().splitlines())
