@@ -22,6 +22,7 @@ from morlax_torch import MorlaxError
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.cli import console
 
+FEWEST = 3  # seeds whose interval means something
 AXES = {"train_seconds": "training (s)", "env_steps": "environment steps"}
 
 
@@ -47,6 +48,7 @@ def main(
     targets: Sequence[str] = (),
     figures: Path | None = None,
     fronts: Path | None = None,
+    objectives: Sequence[int] = (),
 ) -> None:
     """Print the tables, and draw the figures.
 
@@ -54,8 +56,10 @@ def main(
         rows: CSV file that compare.py has written.
         ours: The method that others are compared with.
         targets: Hypervolumes to reach, such as hopper=6.0e6.
-        figures: Folder to draw in: curves.png, times.png for targets, overlaid.png for fronts.
+        figures: Folder to draw in: curves.png, differences.png, times.png for targets,
+            overlaid.png for fronts, objectives.png for one robot's tasks with m objectives.
         fronts: Folder of the fronts that compare.py has saved.
+        objectives: m of each task, in their order.
     """
     runs = runs_of(read(rows))
     if not runs:
@@ -70,7 +74,9 @@ def main(
     if reached:
         console.print(times_table(runs, reached))
     if figures:
-        drawn = {"curves": curves_figure(runs)}
+        drawn = {"curves": curves_figure(runs), "differences": differences_figure(runs, ours)}
+        if objectives:
+            drawn["objectives"] = objectives_figure(runs, objectives)
         if reached:
             drawn["times"] = times_figure(runs, reached)
         if fronts:
@@ -143,7 +149,12 @@ def differences_table(runs: Runs, ours: str) -> str:
 def _difference(groups: Sequence[NDArray[np.float64]]) -> str:
     low, high = interval(mean, groups)
     text = f"{np.concatenate(groups).mean():+.1f} ({low:+.1f} to {high:+.1f})"
-    return f"**{text}**" if low > 0 or high < 0 else text
+    return f"**{text}**" if _clear(low, high, groups) else text
+
+
+def _clear(low: float, high: float, groups: Sequence[NDArray[np.float64]]) -> bool:
+    """Return whether an interval excludes zero, and there are enough seeds to say so."""
+    return (low > 0 or high < 0) and min(map(len, groups)) >= FEWEST
 
 
 def times_table(runs: Runs, targets: dict[str, float]) -> str:
@@ -188,6 +199,51 @@ def curves_figure(runs: Runs) -> Figure:
             axes.spines[["top", "right"]].set_visible(False)
         row[0].set_ylabel("hypervolume")
     _add_legend(figure)
+    return figure
+
+
+def differences_figure(runs: Runs, ours: str) -> Figure:
+    """Draw the differences to `ours`: a dot per run, and the interval of their mean."""
+    methods = [method for method in _methods(runs) if method != ours]
+    size = (2.4 * len(runs), 1.0 + 0.22 * len(methods))
+    figure = Figure(figsize=size, layout="constrained")
+    plots = figure.subplots(1, len(runs), squeeze=False, sharey=True)[0]
+    for row, method in enumerate(methods):
+        shares = differences(runs, ours, method)
+        for axes, task in zip(plots, runs, strict=True):
+            if task in shares:
+                low, high = interval(mean, [shares[task]])
+                color = "C1" if _clear(low, high, [shares[task]]) else "0.6"
+                axes.plot((low, high), (row, row), color=color, lw=3)
+                axes.plot(shares[task], [row] * len(shares[task]), "o", color="C0", ms=3)
+    for axes, task in zip(plots, runs, strict=True):
+        axes.axvline(0, color="black", lw=0.8)
+        axes.set(xlabel=f"% of {ours}'s hypervolume", title=task)
+        axes.set_yticks(range(len(methods)), methods)
+        axes.spines[["top", "right"]].set_visible(False)
+    plots[0].invert_yaxis()
+    return figure
+
+
+def objectives_figure(runs: Runs, numbers: Sequence[int]) -> Figure:
+    """Draw speed, and how well trade-offs are obeyed, over the number of objectives."""
+    figure = Figure(figsize=(6.4, 2.6), layout="constrained")
+    speed, obeyed = figure.subplots(1, 2)
+    for row, method in enumerate(_methods(runs)):
+        for number, of_task in zip(numbers, runs.values(), strict=True):
+            of_method, color = [*of_task.get(method, {}).values()], f"C{row}"
+            last = [run.training[-1] for run in of_method]
+            rates = [float(x["env_steps"]) / float(x["train_seconds"]) / 1e6 for x in last]
+            speed.plot([number] * len(rates), rates, "o", color=color, ms=4, label=method)
+            shares = [float(run.best["obedience"]) for run in of_method]
+            obeyed.plot([number] * len(shares), shares, "o", color=color, ms=4)
+    speed.set(xlabel="objectives", ylabel="million steps per second", ylim=(0, None))
+    obeyed.set(xlabel="objectives", ylabel="trade-offs that are obeyed, share", ylim=(0, 1))
+    for axes in (speed, obeyed):
+        axes.spines[["top", "right"]].set_visible(False)
+    handles, labels = speed.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    figure.legend(named.values(), named, loc="outside upper center", ncols=4, frameon=False)
     return figure
 
 
