@@ -59,7 +59,7 @@ class ForeignWorlds(Worlds):
     name: ClassVar[str]  # for error messages
     may_recover = False
     groups: tuple[str, ...]  # of observations, of policies first, in a library that has them
-    age: Tensor  # (N,) int32 control steps of each episode, in a library without time limits
+    age: Tensor  # (N,) integer control steps of each episode, in a library that tells them
 
     def __init__(
         self,
@@ -77,7 +77,9 @@ class ForeignWorlds(Worlds):
         self.define_objectives()
         # in place, since a recorded step reads what the one before wrote
         self._over = torch.zeros(2, num_worlds, dtype=torch.bool, device=device)  # failed, late
-        self._seen = self._start()
+        features = self.observation_size + self.privileged_size
+        self._seen = torch.zeros(num_worlds, features, dtype=torch.float32, device=device)
+        self.reset()
 
     @classmethod
     def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
@@ -93,12 +95,8 @@ class ForeignWorlds(Worlds):
         """Make the worlds; set their sizes and `reward_terms`."""
 
     @abstractmethod
-    def _start(self) -> Tensor:
-        """Start every world; returns what critics see, (N, O + P)."""
-
-    @abstractmethod
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
-        """Start the worlds of a mask (N,); returns `seen` (N, O + P) with what they see now."""
+        """Start the worlds of a mask (N,); returns `seen` (N, O + P) with what critics see now."""
 
     @abstractmethod
     def _advance(self, action: Tensor) -> Outcome:
@@ -118,9 +116,10 @@ class ForeignWorlds(Worlds):
         return Outcome(seen, final, terms, failed, timed_out, blown_up)
 
     def reset(self) -> Tensor:
-        self._seen.copy_(self._start())
-        self._over.zero_()
-        return self._policy(self._seen.clone())
+        observation = self.restart(torch.ones_like(self._over[0]))
+        if self.auto_reset and getattr(self.options, "stagger", False):
+            self.age.random_(0, self.episode_length, generator=self.generator)
+        return observation
 
     def restart(self, which: Tensor) -> Tensor:
         checks.mask(self, which)

@@ -130,10 +130,6 @@ class GymnasiumWorlds(ForeignWorlds):
         self._observation = np.zeros((self.num_worlds, self.observation_size))
         self.reseed(seed)
 
-    def _start(self) -> Tensor:
-        everywhere = torch.ones_like(self.age, dtype=torch.bool)
-        return self._restart(everywhere, _in_float32(self._observation))
-
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         for world in which.nonzero().squeeze(1).tolist():
             env, seed = self._envs[world], self._seeds[world]

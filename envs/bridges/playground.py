@@ -85,22 +85,18 @@ class PlaygroundWorlds(ForeignWorlds):
         self._task = task = _shared(self.name, json.dumps(overrides))
         self.observation_size, self.privileged_size = task.observation_size, task.privileged_size
         self.action_size, self.reward_terms = task.action_size, task.reward_terms
-
-    def _start(self) -> Tensor:
-        self._draw()
-        self._state = self._starts
-        self._used = torch.ones(self.num_worlds, dtype=torch.bool, device=self.device)
+        self._used = torch.ones(self.num_worlds, dtype=torch.bool, device=device)
         self.age = torch.zeros_like(self._used, dtype=torch.int32)
-        if self.auto_reset and self.options.stagger:
-            self.age.random_(self.episode_length, generator=self.generator)
-        return self._first.clone()  # JAX's memory is constant
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         # A reset of one world costs as much as one of all, in some tasks as much as 200 steps. So
         # all worlds get a start in advance, and all get another when one world needs its second.
         if (which & self._used).any():
             self._draw()
-        self._state = self._task.replace(self._to_jax(which), self._starts, self._state)
+        if which.all():
+            self._state = self._starts
+        else:
+            self._state = self._task.replace(self._to_jax(which), self._starts, self._state)
         self._used = self._used | which
         self.age.masked_fill_(which, 0)
         return torch.where(which[:, None], self._first, seen)

@@ -99,15 +99,12 @@ class VecEnvWorlds(ForeignWorlds):
     def interrupted(self) -> bool:
         return _moved_by.get(id(self.env)) is not self
 
-    def _start(self) -> Tensor:
-        _moved_by[id(self.env)] = self
-        with drawing_from(self.generator):
-            return self._features(self.env.reset())
-
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         if not which.all():
             raise MorlaxError("a vectorized environment restarts all of its worlds, or none.")
-        return self._start()
+        _moved_by[id(self.env)] = self
+        with drawing_from(self.generator):
+            return self._features(self.env.reset())
 
     def _advance(self, action: Tensor) -> Outcome:
         if self.interrupted:

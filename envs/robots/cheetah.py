@@ -30,7 +30,7 @@ class Cheetah(Planar):
         return {
             "alive": torch.ones_like(z),
             "run": self.speed().clamp(max=MAX_SPEED),
-            "energy": 4.0 - self.physics.ctrl.square().sum(-1),
+            "energy": 4.0 - self.effort(),
             "height": z + 0.2,
         }
 

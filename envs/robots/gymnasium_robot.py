@@ -3,10 +3,8 @@
 Quantities of each body in mjData are rebuilt from sensors, so that both simulators provide them.
 """
 
-import math
 from functools import cached_property
 from importlib import resources
-from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -16,16 +14,14 @@ from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from ..physics.interface import Physics
-from ..worlds.environment import Environment
-from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Count, TaskOptions
+from .runner import Runner
 
 WRENCH = sum(
     1 << int(getattr(mujoco.mjtConDataField, f"mjCONDATA_{field}"))
     for field in ("FORCE", "TORQUE", "POS")
 )
 NET = 3  # reduces all contacts of a body to one wrench
-UNITS = {"inertias": "kg m^2, kg m, kg", "velocities": "rad/s, m/s"}  # others are N m, N
 
 
 def sense_contacts(spec: mujoco.MjSpec) -> None:
@@ -146,15 +142,12 @@ def _rotation(quaternion: Tensor) -> Tensor:
     return torch.stack(rows, -1).unflatten(-1, (3, 3))
 
 
-class GymnasiumRobot(Environment):
+class GymnasiumRobot(Runner):
     """A gymnasium robot whose actions in [-1, 1] span the control range of each motor.
 
     Actions outside [-1, 1] are clipped. Every robot uses the Newton constraint solver, because
     MuJoCo Warp lacks PGS, the solver that gymnasium's humanoid selects.
     """
-
-    unobserved: ClassVar[int] = 1  # leading entries of qpos: position on the floor
-    fastest_seen: ClassVar[float] = math.inf  # clipping limit of observed velocities
 
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
@@ -191,43 +184,12 @@ class GymnasiumRobot(Environment):
     def initial_qpos(self) -> np.ndarray:
         return self.physics.model.qpos0.copy()
 
-    def observe(self) -> Tensor:
-        positions, limit = self.physics.qpos[:, self.unobserved :], self.fastest_seen
-        velocities = self.physics.qvel.clamp(-limit, limit)
-        return torch.cat([positions, velocities, *self.seen_of_bodies().values()], -1)
-
-    def layout(self) -> list[Part]:
-        model = self.physics.model
-        parts = [*positions(model)[self.unobserved :], *velocities(model, self.fastest_seen)]
-        for name, values in self.seen_of_bodies().items():
-            parts.append(Part(name, values.shape[1], UNITS.get(name, "N m, N")))
-        return parts
-
-    def seen_of_bodies(self) -> dict[str, Tensor]:
-        """Return the observed quantities of `bodies` by name, (N, ...) each."""
-        return {}
-
     def apply(self, action: Tensor) -> None:
         middle, reach = self.control_range
         self.physics.ctrl.copy_(middle + reach * action.clamp(-1, 1))
 
-    def place(self) -> Tensor:
-        """Return the horizontal position (N, 2) in m, from which `velocity` is computed."""
-        return self.physics.qpos[:, :2]
-
-    def remember(self) -> dict[str, Tensor]:
-        return {"place": self.place()}
-
-    def velocity(self) -> Tensor:
-        """Return the mean velocity (N, 2) over the control step in m/s."""
-        return (self.place() - self.memory["place"]) / self.dt
-
-    def effort(self) -> Tensor:
-        """Return the sum of squared controls (N,), in units of the motors' control ranges."""
-        return self.physics.ctrl.square().sum(-1)
-
     def terms(self) -> dict[str, Tensor]:
-        return {"run": self.velocity()[:, 0], "ctrl_cost": self.effort()}
+        return {"run": self.speed(), "ctrl_cost": self.effort()}
 
     def healthy(self) -> Tensor:
         """Return 1 where the robot has not failed, else 0, (N,)."""

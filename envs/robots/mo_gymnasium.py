@@ -57,7 +57,7 @@ class Hopper(GymnasiumRobot):
     def terms(self) -> dict[str, Tensor]:
         return {
             "healthy": self.healthy(),
-            "run": self.velocity()[:, 0],
+            "run": self.speed(),
             "jump": self.physics.qpos[:, 1] - STANDING,
             "ctrl_cost": self.effort(),
         }

@@ -36,7 +36,7 @@ class HalfCheetah(mo_gymnasium.HalfCheetah):
     Options: Any = RunEnergy
 
     def terms(self) -> dict[str, Tensor]:
-        speed = self.velocity()[:, 0]
+        speed = self.speed()
         return {
             "alive": torch.ones_like(speed),
             "run": speed.clamp(max=MAX_SPEED),
@@ -68,7 +68,7 @@ class Hopper(GymnasiumRobot):
             actuator.ctrlrange, actuator.gear[0] = [-reach, reach], gear
 
     def terms(self) -> dict[str, Tensor]:
-        speed, effort = self.velocity()[:, 0], self.effort()
+        speed, effort = self.speed(), self.effort()
         return {
             "alive": torch.ones_like(speed),
             "ctrl_cost": effort,
@@ -109,7 +109,7 @@ class Walker2d(mo_gymnasium.Walker2d):
             geom.density = 1500.0  # kg/m^3
 
     def terms(self) -> dict[str, Tensor]:
-        speed = self.velocity()[:, 0]
+        speed = self.speed()
         return {"alive": torch.ones_like(speed), "run": speed, "energy": 4.0 - self.effort()}
 
 
@@ -127,7 +127,7 @@ class Swimmer(mo_gymnasium.Swimmer):
             actuator.gear[0] = 300.0
 
     def terms(self) -> dict[str, Tensor]:
-        return {"run": self.velocity()[:, 0], "energy": 2.0 - self.effort()}
+        return {"run": self.speed(), "energy": 2.0 - self.effort()}
 
 
 class Ant(GymnasiumRobot):
@@ -169,7 +169,7 @@ class Humanoid(GymnasiumHumanoid):
         shared: dict[str, float] = {"alive": 3.0}
 
     def terms(self) -> dict[str, Tensor]:
-        speed = self.velocity()[:, 0]
+        speed = self.speed()
         return {"alive": torch.ones_like(speed), "run": speed, "energy": 3.0 - 4.0 * self.effort()}
 
     def failed(self) -> Tensor:

@@ -7,41 +7,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..worlds.environment import Environment
-from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Objectives, TaskOptions
+from .runner import Runner
 
-MAX_VELOCITY = 10.0  # m/s, rad/s; clipping limit of observed velocities
 ACTION_SCALE = 3.0
 
 
-class Planar(Environment):
-    """A planar robot that observes its joints, height and pitch, but not its distance x.
+class Planar(Runner):
+    """A planar robot: qpos begins with x and z (m) and the pitch (rad) of its torso."""
 
-    The first entries of qpos are x and z (m) and the pitch (rad) of the torso.
-    """
-
+    fastest_seen = 10.0
     start_height: ClassVar[float] = 0.0  # m, of z
 
     def initial_qpos(self) -> np.ndarray:
         qpos = np.zeros(self.physics.model.nq)
         qpos[1] = self.start_height
         return qpos
-
-    def observe(self) -> Tensor:
-        limit = MAX_VELOCITY
-        return torch.cat([self.physics.qpos[:, 1:], self.physics.qvel.clamp(-limit, limit)], -1)
-
-    def layout(self) -> list[Part]:
-        model = self.physics.model
-        return [*positions(model)[1:], *velocities(model, MAX_VELOCITY)]
-
-    def remember(self) -> dict[str, Tensor]:
-        return {"x": self.physics.qpos[:, 0]}
-
-    def speed(self) -> Tensor:
-        """Return the mean velocity (N,) along x over the control step in m/s."""
-        return (self.physics.qpos[:, 0] - self.memory["x"]) / self.dt
 
 
 class Hopper(Planar):
@@ -65,7 +46,7 @@ class Hopper(Planar):
         z = self.physics.qpos[:, 1]
         return {
             "alive": torch.ones_like(z),
-            "ctrl_cost": self.physics.ctrl.square().sum(-1),
+            "ctrl_cost": self.effort(),
             "run": self.speed(),
             "jump": (z - 1.0 + 0.2).clamp(min=0.0),
             "upright": (z - 0.4).clamp(-0.2, 0.0),
@@ -95,11 +76,7 @@ class Walker(Planar):
 
     def terms(self) -> dict[str, Tensor]:
         speed = self.speed()
-        return {
-            "alive": torch.ones_like(speed),
-            "run": speed,
-            "energy": 4.0 - self.physics.ctrl.square().sum(-1),
-        }
+        return {"alive": torch.ones_like(speed), "run": speed, "energy": 4.0 - self.effort()}
 
     def failed(self) -> Tensor:
         height, pitch = self.physics.qpos[:, 1], self.physics.qpos[:, 2]

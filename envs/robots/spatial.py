@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..worlds.environment import Environment
 from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Objectives, TaskOptions
+from .runner import Runner
 
 MIN_UPRIGHT = 0.45  # world-z of the ant's up axis, a tilt of 63 degrees
 # The humanoid's motors clip control to [-1, 1]; its energy term uses the unclipped action.
@@ -16,10 +16,11 @@ ACTION_SCALE = 3.0
 EXTREMITIES = ("right_hand", "left_hand", "right_foot", "left_foot")
 
 
-class Ant(Environment):
+class Ant(Runner):
     """A quadruped: move along x, move along y."""
 
     model_file = "assets/ant.xml"
+    unobserved = 2
     paper_reset_terms = {"alive": 1.0, "energy": 8.0, "vx": 1.0, "vy": 1.0}
 
     class Options(TaskOptions):
@@ -32,32 +33,18 @@ class Ant(Environment):
         height, upright = 1.0, [1, 0, 0, 0]
         return np.array([0, 0, height, *upright, 0, 0.5, 0, -0.5, 0, -0.5, 0, 0.5])
 
-    def observe(self) -> Tensor:
-        return torch.cat([self.physics.qpos[:, 2:], self.physics.qvel], -1)
-
-    def layout(self) -> list[Part]:
-        return [*positions(self.physics.model)[2:], *velocities(self.physics.model)]
-
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_(action.clamp(-1, 1))
 
-    def remember(self) -> dict[str, Tensor]:
-        return {"xy": self.physics.qpos[:, :2]}
-
     def terms(self) -> dict[str, Tensor]:
-        velocity = (self.physics.qpos[:, :2] - self.memory["xy"]) / self.dt
-        return {
-            "alive": torch.ones_like(velocity[:, 0]),
-            "energy": 8.0 - self.physics.ctrl.square().sum(-1),
-            "vx": velocity[:, 0],
-            "vy": velocity[:, 1],
-        }
+        vx, vy = self.velocity().unbind(-1)
+        return {"alive": torch.ones_like(vx), "energy": 8.0 - self.effort(), "vx": vx, "vy": vy}
 
     def failed(self) -> Tensor:
         return self.physics.sensor("up")[:, 2] < MIN_UPRIGHT
 
 
-class Humanoid(Environment):
+class Humanoid(Runner):
     """The paper's humanoid: run as fast as possible, use little energy.
 
     Sensors measure the head, the torso axes, the center of mass and its velocity, so these lag one
@@ -119,15 +106,14 @@ class Humanoid(Environment):
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_(ACTION_SCALE * action)
 
-    def remember(self) -> dict[str, Tensor]:
-        return {"x": self.physics.sensor("center")[:, 0]}
+    def place(self) -> Tensor:
+        return self.physics.sensor("center")[:, :2]
 
     def terms(self) -> dict[str, Tensor]:
-        x = self.physics.sensor("center")[:, 0]
-        action = self.physics.ctrl / ACTION_SCALE
+        speed, action = self.speed(), self.physics.ctrl / ACTION_SCALE
         return {
-            "alive": torch.ones_like(x),
-            "run": (x - self.memory["x"]) / self.dt,
+            "alive": torch.ones_like(speed),
+            "run": speed,
             "energy": (3.0 - action.square().sum(-1)).clamp(min=0.0),
         }
 

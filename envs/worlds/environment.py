@@ -3,7 +3,6 @@
 import sys
 import warnings
 from abc import abstractmethod
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..devices import Draws, restore_generator
-from ..errors import MorlaxError, MorlaxWarning, line
+from ..errors import MorlaxError, MorlaxWarning, user_code
 from ..physics.interface import Physics, explained
 from ..physics.mujoco import MujocoPhysics
 from . import checks, episodes, randomization
@@ -132,25 +131,19 @@ class Environment(Robot):
     @classmethod
     def load_model(cls) -> mujoco.MjModel:
         """Compile this robot's MJCF."""
-        return cls._loaded(mujoco.MjModel.from_xml_path)
+        with user_code(f"MuJoCo cannot compile the MJCF of {cls.__name__}"):
+            return cls.load_spec().compile()
 
     @classmethod
     def load_spec(cls) -> mujoco.MjSpec:
-        """Read this robot's MJCF, for `shape`."""
-        return cls._loaded(mujoco.MjSpec.from_file)
-
-    @classmethod
-    def _loaded(cls, read: Callable[[str], Any]) -> Any:
+        """Read this robot's MJCF."""
         owner = next((base for base in cls.__mro__ if "model_file" in vars(base)), None)
         if owner is None:
             raise MorlaxError(f"{cls.__name__} names no MJCF: give it a model_file.")
         python_file = getattr(sys.modules[owner.__module__], "__file__", None) or ""
         path = Path(python_file).parent / cls.model_file
-        try:
-            return read(str(path))
-        except ValueError as error:
-            task = cls.__name__
-            raise MorlaxError(f"MuJoCo cannot load {path} of {task}: {line(error)}") from None
+        with user_code(f"MuJoCo cannot load {path} of {cls.__name__}"):
+            return mujoco.MjSpec.from_file(str(path))
 
     @classmethod
     def model_for(cls, options: Any) -> mujoco.MjModel:
@@ -372,18 +365,20 @@ class Environment(Robot):
         values: dict[str, Any] = {name: start for name, (_, start) in self.physics.parts.items()}
         values |= {f"state.{name}": value for name, value in self._initial.items()}
         values |= state
-        saved = self._state()
-        if missing := saved.keys() - values:
+        saved, memory = self._state(), {f"memory.{name}" for name in self.memory}
+        if missing := saved.keys() - values - memory:
             raise MorlaxError(
                 f"the saved worlds lack {', '.join(sorted(missing))}, which the options of this "
                 "task need: resume with the config of the saved run."
             )
-        for name, value in saved.items():
-            value.copy_(values[name])
+        for name in saved.keys() & values:
+            saved[name].copy_(values[name])
         if self._model:
             self.physics.vary({name: value.numpy() for name, value in self._model.items()})
         if self.embodied is not None:
             self.physics.choose(self.embodied)
+        if memory - values.keys():  # saved when the task remembered other things
+            self._remember()
         restore_generator(self.generator, state["generator"])
 
     def _state(self) -> dict[str, Tensor]:

@@ -111,7 +111,7 @@ class MjlabWorlds(ForeignWorlds):
             self.env = build(self.name, partial(self.config, seed), self.device)
             groups, _ = self.env.reset()
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
-        self.dt = self.env.step_dt
+        self.dt, self.age = self.env.step_dt, self.env.episode_length_buf
         self._time_step = self.dt if self.env.cfg.scale_rewards_by_dt else 1.0
         self._size(groups)
         self.action_size = self.env.action_manager.total_action_dim
@@ -160,26 +160,15 @@ class MjlabWorlds(ForeignWorlds):
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         return mirror_of(self.env, self.groups, tolerance)
 
-    def _start(self) -> Tensor:
-        seen = self._reset()
-        if self.auto_reset and self.options.stagger:
-            ages = self.env.episode_length_buf
-            ages.random_(0, self.episode_length, generator=self.generator)
-        return seen
-
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         worlds = which.nonzero().squeeze(1)  # waits for the GPU
         if not len(worlds):
             return seen
-        return torch.where(which[:, None], self._reset(worlds), seen)
-
-    def _reset(self, worlds: Tensor | None = None) -> Tensor:
-        """Reset worlds by index (None: all); returns what critics see in every world."""
         with drawing_from(self.generator), self._sharing:
             groups, _ = self.env.reset(env_ids=worlds)
         if self._step is not None:
             self._step.settle()
-        return self._joined(groups)
+        return torch.where(which[:, None], self._joined(groups), seen)
 
     def _advance(self, action: Tensor) -> Outcome:
         env, scaled = self.env, action.clamp(-1, 1) * self.options.action_scale
