@@ -443,3 +443,57 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
         errors += env.measure()[:, 0]
     steps = term.cfg.resampling_time_range[1] / env.env.step_dt  # by which mjlab divides
     torch.testing.assert_close(term.metrics["error_vel_xy"] * steps, errors)
+
+
+def test_actors_observe_what_sensors_measure_and_some_of_the_past(generator):
+    plain = envs.make(GO1, 2, "cpu", seed=3, episode_length=6, stagger=False)
+    options = {"sensors": "real", "history": {"joint_*": 3, "command": 2}}
+    env = envs.make(GO1, 2, "cpu", seed=3, episode_length=6, stagger=False, **options)
+    manager = plain.env.observation_manager
+    names, dims = manager.active_terms["actor"], manager.group_obs_term_dim["actor"]
+    sizes = {name: torch.Size(dim).numel() for name, dim in zip(names, dims, strict=True)}
+    lengths = {"base_lin_vel": 0, "joint_pos": 3, "joint_vel": 3, "command": 2}
+    assert env.observation_size == sum(lengths.get(name, 1) * size for name, size in sizes.items())
+    assert env.privileged_size == plain.privileged_size
+    frames: list[dict[str, torch.Tensor]] = []
+
+    def split(observation: torch.Tensor) -> dict[str, torch.Tensor]:
+        return dict(zip(sizes, observation.split([*sizes.values()], 1), strict=True))
+
+    def expected(past: list[dict[str, torch.Tensor]]) -> torch.Tensor:
+        past = [past[0]] * 3 + past  # the first observation stands for those before it
+        of_terms = [past[-number:] for name in sizes if (number := lengths.get(name, 1))]
+        kept = [name for name in sizes if lengths.get(name, 1)]
+        return torch.cat(
+            [row[name] for name, rows in zip(kept, of_terms, strict=True) for row in rows], 1
+        )
+
+    frames.append(split(plain.reset()))
+    assert torch.equal(env.reset(), expected(frames))
+    for number in range(1, 9):
+        action = 0.3 * torch.randn(2, env.action_size, generator=generator)
+        torch.manual_seed(number)
+        one = plain.step(action)
+        torch.manual_seed(number)
+        other = env.step(action)
+        assert torch.equal(
+            one.critic_observation[:, -env.privileged_size :],
+            other.critic_observation[:, -env.privileged_size :],
+        )
+        assert torch.equal(
+            other.final_observation, expected([*frames, split(one.final_observation)])
+        )
+        if number == 6:
+            assert one.truncated.all()
+            frames.clear()
+        frames.append(split(one.observation))
+        assert torch.equal(other.observation, expected(frames))
+
+
+@pytest.mark.parametrize(
+    ("history", "message"),
+    [({"joint_pso": 2}, "did you mean 'joint_pos'"), ({"*": 0}, "observe nothing")],
+)
+def test_a_history_of_no_term_is_one_sentence(history, message):
+    with pytest.raises(MorlaxError, match=message):
+        envs.make(GO1, 1, "cpu", history=history)

@@ -7,14 +7,19 @@ import pytest
 import torch
 import yaml
 from calm import calm
+from tiny import tiny
 
 from morlax_torch import load
 from morlax_torch.commands import export
+from morlax_torch.train import train
 from morlax_torch.viewers.playing.episodes import Policy, run, summary
 from morlax_torch.viewers.playing.robot import Disturbances, Robot, open_export
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+
+
+GO1 = "mjlab:Mjlab-Velocity-Flat-Unitree-Go1"
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +48,36 @@ def test_every_step_equals_one_of_mjlab(exported, name):
         groups, *_ = env.step(torch.tensor(config.task.action_scale * expected[None]).float())
         seen = groups["actor"]
     assert robot.velocity()[0] > 0.4  # it walks: the comparison is not one of two heaps
+
+
+def test_a_robot_without_the_base_s_velocity_remembers_as_in_training(tmp_path):
+    lengths = {"joint_*": 3, "command": 2}
+    given = {"task.sensors": "real", "task.history": lengths, "network.symmetric": True}
+    few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
+    few |= {"sampling.mode": "dense", "ppo.minibatches": 2}
+    config = tiny(GO1, backend=None, **few, **given)
+    run = train(config, output=tmp_path / "run").folder
+    export.command([str(run), "--output", str(tmp_path / "exported" / "family.onnx")])
+    deployment, command = open_export(tmp_path / "exported"), np.array([0.6, 0.2, -0.3])
+    env, robot, policy = calm(config.env, 1), Robot(deployment), Policy(deployment)
+    env.command_manager.get_term("twist").command.copy_(torch.tensor(command)[None])
+    manager = env.observation_manager
+    names, frames = manager.active_terms["actor"], []
+    sizes = [torch.Size(dim).numel() for dim in manager.group_obs_term_dim["actor"]]
+    seen = manager.compute_group("actor")
+    for _ in range(5):
+        frames.append(dict(zip(names, seen[0].split(sizes), strict=True)))
+        past = [frames[0]] * 2 + frames
+        parts = []
+        for name in (name for name in names if name != "base_lin_vel"):
+            number = 3 if name.startswith("joint_") else 2 if name == "command" else 1
+            parts += [row[name] for row in past[-number:]]
+        observation = robot.observe(command)
+        np.testing.assert_allclose(observation, torch.cat(parts).numpy(), rtol=0, atol=1e-3)
+        action = policy.act(observation)
+        robot.step(action)
+        groups, *_ = env.step(torch.tensor(config.task.action_scale * action[None]).float())
+        seen = groups["actor"]
 
 
 def test_gains_limits_and_order_are_those_of_the_robot(exported):

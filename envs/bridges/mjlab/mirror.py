@@ -1,6 +1,6 @@
 """The mirror of a robot of mjlab: joints as in its model, other observations term by term."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -12,11 +12,22 @@ from ...worlds.mirror import FLIP, PARALLEL, Mirror, Reflection, check, partners
 POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROMETER)
 
 
-def mirror_of(env: Any, groups: Sequence[str], tolerance: float = 0.0) -> Mirror:
-    """Return the mirror of mjlab's worlds that see `groups`; for the tolerance, see `check`."""
+def mirror_of(
+    env: Any,
+    groups: Sequence[str],
+    tolerance: float = 0.0,
+    lengths: Mapping[str, int] | None = None,
+) -> Mirror:
+    """Return the mirror of mjlab's worlds that see `groups`; for the tolerance, see `check`.
+
+    Of the first group, `lengths` values of each term are seen, by default one.
+    """
     terms, manager, parts = _Terms(env, tolerance), env.observation_manager, []
     for group in groups:
         for term in manager.active_terms[group]:
+            number = lengths[term] if lengths and group == groups[0] else 1
+            if not number:
+                continue
             cfg = manager.get_term_cfg(group, term)
             reflect = getattr(terms, cfg.func.__name__, None)
             reflection = reflect(cfg.params) if reflect else None
@@ -33,7 +44,7 @@ def mirror_of(env: Any, groups: Sequence[str], tolerance: float = 0.0) -> Mirror
                     f"left and right differ in clip or scale of the observation {term}: set "
                     "network.symmetric to false."
                 )
-            parts += [reflection] * max(length, 1)  # a history is flat, from oldest to newest
+            parts += [reflection] * max(length, 1) * number  # flat, from oldest to newest
     return Mirror(Reflection.joined(parts), terms.last_action({}))
 
 

@@ -68,10 +68,12 @@ class MjlabRobot(MjlabWorlds, Robot):
 
     def layout(self) -> list[Part]:
         manager, group = self.env.observation_manager, self.groups[0]
-        sizes = manager.group_obs_term_dim[group]
+        dims = zip(manager.active_terms[group], manager.group_obs_term_dim[group], strict=True)
+        sizes = {name: self.lengths[name] * torch.Size(dim).numel() for name, dim in dims}
         return [
-            Part(name, torch.Size(size).numel(), UNITS.get(self._label(name), "as in mjlab"))
-            for name, size in zip(manager.active_terms[group], sizes, strict=True)
+            Part(name, size, UNITS.get(self._label(name), "as in mjlab"))
+            for name, size in sizes.items()
+            if size
         ]
 
     def targets(self) -> list[str]:
@@ -149,7 +151,7 @@ class MjlabRobot(MjlabWorlds, Robot):
     def _observation(self, part: Part) -> dict[str, Any]:
         """Return the settings of a term of the observation in unitree_rl_lab's shape."""
         cfg, label = self._observed(part.name), self._label(part.name)
-        history = max(1, cfg.history_length)
+        history = max(1, cfg.history_length) * self.lengths[part.name]
         scale = torch.ones(part.size // history, dtype=torch.float32)
         scale *= 1.0 if cfg.scale is None else cfg.scale
         clip = cfg.clip and list(cfg.clip)

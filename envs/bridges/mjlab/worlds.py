@@ -8,11 +8,11 @@ from collections.abc import Callable
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from pydantic import PositiveFloat
+from pydantic import Field, PositiveFloat
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -22,6 +22,7 @@ from ...physics import compiling
 from ...worlds.mirror import Mirror
 from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
 from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
+from .history import History, lengths
 from .mirror import mirror_of
 from .step import COMMAND, MaskedStep, supported
 
@@ -54,6 +55,11 @@ class MjlabOptions(ObjectiveOptions):
     """Ranges of commands by term and name, such as twist.lin_vel_x: [-1, 1]."""
     motion_file: str = ""
     """Motion to follow, for tasks that need one."""
+    sensors: Literal["all", "real"] = "all"
+    """What actors observe: all terms, or those that sensors of a robot measure (docs/mjlab.md)."""
+    history: dict[str, Annotated[int, Field(ge=0, le=100)]] = {}
+    """How many of its last values actors observe of a term; 0: none. Names may be patterns, such as
+    joint_*."""
     curriculum: bool = False
     """Make the task harder while training goes on, as mjlab does."""
     stagger: bool = True
@@ -114,6 +120,7 @@ class MjlabWorlds(ForeignWorlds):
         self.dt, self.age = self.env.step_dt, self.env.episode_length_buf
         self._time_step = self.dt if self.env.cfg.scale_rewards_by_dt else 1.0
         self._size(groups)
+        self._remember()
         self.action_size = self.env.action_manager.total_action_dim
         manager = self.env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
@@ -121,6 +128,15 @@ class MjlabWorlds(ForeignWorlds):
         if self._command:
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
         self._step = MaskedStep(self.env, self.groups) if masked else None
+
+    def _remember(self) -> None:
+        manager, (actor, *_) = self.env.observation_manager, self.groups
+        dims = zip(manager.active_terms[actor], manager.group_obs_term_dim[actor], strict=True)
+        sizes = {name: torch.Size(dim).numel() for name, dim in dims}
+        self.lengths = lengths(sizes, self.options.sensors, self.options.history)
+        parts = [*sizes.values(), self.privileged_size], [*self.lengths.values(), 1]
+        self._history = History(*parts, self.num_worlds, self.device)
+        self.observation_size = self._history.size - self.privileged_size
 
     def config(self, seed: int) -> Any:
         """Return mjlab's config of these worlds."""
@@ -158,7 +174,7 @@ class MjlabWorlds(ForeignWorlds):
         return np.stack([error, speed, share, power, torque**0.5, cost], 1)
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
-        return mirror_of(self.env, self.groups, tolerance)
+        return mirror_of(self.env, self.groups, tolerance, self.lengths)
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         worlds = which.nonzero().squeeze(1)  # waits for the GPU
@@ -168,7 +184,7 @@ class MjlabWorlds(ForeignWorlds):
             groups, _ = self.env.reset(env_ids=worlds)
         if self._step is not None:
             self._step.settle()
-        return torch.where(which[:, None], self._joined(groups), seen)
+        return torch.where(which[:, None], self._history.restart(which, self._joined(groups)), seen)
 
     def _advance(self, action: Tensor) -> Outcome:
         env, scaled = self.env, action.clamp(-1, 1) * self.options.action_scale
@@ -181,14 +197,17 @@ class MjlabWorlds(ForeignWorlds):
         if env.cfg.is_finite_horizon:
             failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
         timed_out, over = timed_out & ~failed, failed | timed_out
-        seen = final = self._joined(groups)
-        if self._step is None and not env.cfg.auto_reset:
-            seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
-        elif self._step is None:
+        values = self._joined(groups)
+        waits = self._step is None and not env.cfg.auto_reset
+        if self._step is None and not waits:
             recorder = env.recorder_manager.get_term(ENDINGS)
             before, recorder.groups = recorder.groups, None
+        last = values
         if before is not None:  # some worlds have restarted
-            final = torch.where(over[:, None], self._joined(before), final)
+            last = torch.where(over[:, None], self._joined(before), values)
+        final, seen = self._history.after(last), self._history.append(values, over)
+        if waits:
+            seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
         terms = env.reward_manager._step_reward * self._time_step
         blown_up = env.termination_manager.get_term(BLOWN_UP).clone()
         return Outcome(seen, final, terms, failed, timed_out, blown_up)

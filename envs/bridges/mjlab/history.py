@@ -1,0 +1,88 @@
+"""What actors observe of a task of mjlab: which terms, and how many of their last values."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import filter as matching
+
+import torch
+from torch import Tensor
+
+from ...errors import MorlaxError, unknown
+
+# terms that no sensor of a robot gives: velocity and position in the world, a scan of the ground
+UNMEASURED = ("base_lin_vel", "motion_anchor_pos_b", "height_scan")
+
+
+def lengths(
+    terms: Iterable[str], sensors: str = "all", history: Mapping[str, int] | None = None
+) -> dict[str, int]:
+    """Return how many values of each of mjlab's terms actors observe; 0: none.
+
+    Raises:
+        MorlaxError: a name or pattern of `history` fits no term, or no term is left.
+    """
+    numbers = dict.fromkeys(terms, 1)
+    for pattern, number in (history or {}).items():
+        names = matching(numbers, pattern)
+        if not names:
+            raise unknown("term of the observation", pattern, numbers)
+        numbers |= dict.fromkeys(names, number)
+    if sensors == "real":
+        numbers |= dict.fromkeys((name for name in UNMEASURED if name in numbers), 0)
+    if not any(numbers.values()):
+        raise MorlaxError(
+            "actors would observe nothing: leave a term of the observation in task.history."
+        )
+    return numbers
+
+
+class History:
+    """The last values of terms in N worlds, term by term, from oldest to newest.
+
+    mjlab's own buffers move on the CPU, which a recorded step cannot do.
+
+    Args:
+        sizes, numbers: of each term's value, and of the values to keep.
+        worlds: N.
+    """
+
+    def __init__(
+        self, sizes: Sequence[int], numbers: Sequence[int], worlds: int, device: torch.device
+    ):
+        most, total = max(numbers), sum(sizes)
+        self._frames = torch.zeros(worlds, most, total, dtype=torch.float32, device=device)
+        columns, start = torch.arange(most * total).view(most, total), 0
+        parts: list[Tensor] = []
+        for size, number in zip(sizes, numbers, strict=True):
+            parts.append(columns[most - number :, start : start + size].flatten())
+            start += size
+        self._columns = torch.cat(parts).to(device)
+
+    @property
+    def size(self) -> int:
+        return len(self._columns)
+
+    def after(self, values: Tensor) -> Tensor:
+        """Return what would be observed after new values (N, total); keeps nothing."""
+        return self._observed(self._moved(values))
+
+    def append(self, values: Tensor, restarted: Tensor) -> Tensor:
+        """Keep new values (N, total); where worlds have `restarted` (N,), they are the only ones.
+
+        Returns what is observed, (N, size).
+        """
+        first = values[:, None].expand_as(self._frames)
+        frames = torch.where(restarted[:, None, None], first, self._moved(values))
+        return self._observed(self._frames.copy_(frames))
+
+    def restart(self, which: Tensor, values: Tensor) -> Tensor:
+        """Keep `values` alone where `which` (N,); returns what is observed, (N, size)."""
+        first = values[:, None].expand_as(self._frames)
+        return self._observed(
+            self._frames.copy_(torch.where(which[:, None, None], first, self._frames))
+        )
+
+    def _moved(self, values: Tensor) -> Tensor:
+        return torch.cat([self._frames[:, 1:], values[:, None]], 1)
+
+    def _observed(self, frames: Tensor) -> Tensor:
+        return frames.flatten(1).index_select(1, self._columns)
