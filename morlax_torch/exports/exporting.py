@@ -15,7 +15,6 @@ import torch
 from torch import Tensor, fx, nn
 from torch.export import ExportedProgram
 
-from .. import envs
 from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import Environment, MorlaxError, Robot
 from ..envs.errors import installation, unknown
@@ -108,19 +107,11 @@ def _samples(policy: Policy, rows: int) -> tuple[Tensor, Tensor]:
     return agent.observation_normalizer.of(agent.actor, tradeoff).inverse(noise), tradeoff
 
 
-def robot_of(policy: Policy) -> Robot:
-    """Make one robot of the policy's task."""
-    config = policy.config
-    robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
-    policy.agent.check_sizes(robot)
-    return robot
-
-
 def manifest(
     policy: Policy, tradeoff: Sequence[float] | None = None, robot: Robot | None = None
 ) -> dict[str, Any]:
     """Return the task, the order and units of inputs and outputs, and the control rate."""
-    config, env = policy.config, robot or robot_of(policy)
+    config, env = policy.config, robot or policy.make_robot()
     parts = env.layout()
     stops = accumulate(part.size for part in parts)
     return {
