@@ -17,7 +17,7 @@ from pydantic import AliasPath, BaseModel, Field, ValidationError, model_validat
 
 from ...configuration.files import read_yaml
 from ...envs import MorlaxError
-from ...envs.errors import explained, unknown
+from ...envs.errors import explained, line, unknown
 from ...envs.worlds.trees import base_of
 from ...exports.deployment import SETTINGS
 from ...host.files import read
@@ -135,8 +135,7 @@ def open_export(path: Path) -> Export:
     try:
         model = mujoco.MjSpec.from_zip(content).compile()
     except (ValueError, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).split())
-        raise MorlaxError(f"cannot load the model {archive}: {reason}.") from None
+        raise MorlaxError(f"cannot load the model {archive}: {line(error)}.") from None
     return Export(settings, model, folder / settings.policy if path == folder else path)
 
 
