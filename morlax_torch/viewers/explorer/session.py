@@ -118,11 +118,11 @@ class Session(Behavior):
 
     @classmethod
     def open(cls, choice: Choice) -> Self:
-        """Show a checkpoint, with its front if it has one with finite returns."""
+        """Show a checkpoint, with its front if it has one."""
         policy, front = load(choice.file), None
         with suppress(MorlaxError):
             front = load_front(choice.file)
-        return cls(policy, front if front and np.isfinite(front.returns).all() else None)
+        return cls(policy, front)
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off and command."""
