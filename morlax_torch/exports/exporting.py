@@ -179,18 +179,18 @@ def control(env: Robot) -> dict[str, list[float]] | None:
         return None
     else:
 
-        def made(action: Tensor) -> Tensor:
+        def control_of(action: Tensor) -> Tensor:
             env.apply(action.expand(1, env.action_size))
             return env.physics.ctrl[0].clone()
 
         probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
-        offset, one_end, other_end, near = map(made, probes)
+        offset, one_end, other_end, near = map(control_of, probes)
         low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
         scale = (near - offset) / STEP
         draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
         for action in 2 * draws - 1:
             expected = (offset + scale * action).clamp(low, high)
-            if not torch.allclose(made(action), expected, atol=1e-5):
+            if not torch.allclose(control_of(action), expected, atol=1e-5):
                 return None
     tensors = {"scale": scale, "offset": offset, "low": low, "high": high}
     return {name: tensor.tolist() for name, tensor in tensors.items()}

@@ -211,7 +211,7 @@ def write(
         quarters = ([name, *three, len(runs)] for name, three in summary.items())
         write_rows(folder / "summary.csv", [heads, *quarters])
     shown = ", ".join(evaluations) if len(runs) <= MOST_NAMES else f"{len(runs)} runs"
-    told = {name: facts(run) for name, run in evaluations.items()}
+    training = {name: facts(run) for name, run in evaluations.items()}
     objectives = runs[0].front.objectives
     report = rendered(
         "report.html",
@@ -223,8 +223,8 @@ def write(
         runs=evaluations,
         fronts=fronts,
         figures=drawn,
-        training=told,
-        settings=dict.fromkeys(name for texts in told.values() for name in texts),
+        training=training,
+        settings=dict.fromkeys(name for texts in training.values() for name in texts),
         portrait=portrait,
         indicators=indicator_cells(runs),
     )

@@ -220,11 +220,11 @@ def _steps(deployment: Export, seconds: float) -> int:
 def _episode(robot: Robot, policy: Policy, commands: Iterable[Array]) -> Episode:
     fallen, rows = False, []  # error, power and speed of each step
     for command in commands:
-        made = robot.step(policy.act(robot.observe(command)))
-        if fallen := made.fallen:
+        step = robot.step(policy.act(robot.observe(command)))
+        if fallen := step.fallen:
             break
-        error = np.linalg.norm(command[:2] - made.velocity[:2])
-        rows.append((error, made.power, np.linalg.norm(made.velocity[:2])))
+        error = np.linalg.norm(command[:2] - step.velocity[:2])
+        rows.append((error, step.power, np.linalg.norm(step.velocity[:2])))
     error, power, speed = np.mean(rows, axis=0).tolist() if rows else [np.nan] * 3
     seconds = (len(rows) + fallen) * robot.dt
     return Episode(float(fallen), seconds, error, power, speed, robot.weight())

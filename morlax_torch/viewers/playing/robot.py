@@ -265,8 +265,8 @@ class Robot:
                 self.data.ctrl[self._motors] = self._pending.popleft()[1]
             mujoco.mj_step(self.model, self.data)
             self._count += 1
-            made = self.data.qfrc_actuator[self._qvel] * self.data.qvel[self._qvel]
-            power += float(made.clip(min=0).sum()) / self._substeps
+            powers = self.data.qfrc_actuator[self._qvel] * self.data.qvel[self._qvel]
+            power += float(powers.clip(min=0).sum()) / self._substeps
         if self.data.time >= self._next_push:
             self._next_push = self.data.time + self._rng.uniform(*PAUSES)
             most = self._disturbances.push

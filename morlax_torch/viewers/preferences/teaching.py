@@ -219,9 +219,9 @@ def _train(
     optimizer = torch.optim.AdamW(reward.parameters(), RATE, weight_decay=DECAY)
     for _ in range(EPOCHS):
         for part in samples.split(BATCH, 1):
-            clips, places = part.unique(return_inverse=True)
+            clips, indices = part.unique(return_inverse=True)
             ratings = _clip_ratings(reward, steps[clips])  # (E, clips)
-            chosen = ratings.gather(1, places.flatten(1)).view(places.shape)
+            chosen = ratings.gather(1, indices.flatten(1)).view(indices.shape)
             optimizer.zero_grad()
             _loss(chosen[..., 0] - chosen[..., 1]).backward()
             optimizer.step()
