@@ -39,7 +39,7 @@ def command(arguments: Sequence[str]) -> None:
         raise MorlaxError("--slew limits a trade-off that changes: leave --tradeoff out.")
     with cli.Live():
         from ..exports.deployment import SETTINGS, deploy
-        from ..exports.exporting import FORMATS, export, provenance, robot_of  # imports torch
+        from ..exports.exporting import FORMATS, export, provenance  # imports torch
         from ..host.files import make_folder
         from ..runs.loading import load, objectives_of, own_folder, tradeoff_of
 
@@ -50,7 +50,7 @@ def command(arguments: Sequence[str]) -> None:
         ending = FORMATS[options.format].ending
         name = ("family" if weights is None else "policy") + ending
         file = options.output or (own_folder(run) or Path()) / name
-        robot, facts = robot_of(policy), {"run": provenance(run)}
+        robot, facts = policy.make_robot(), {"run": provenance(run)}
         if options.slew is not None and robot.scales() is None:
             raise MorlaxError(
                 f"--slew is for {SETTINGS}, which {policy.config.env} does not have, because "

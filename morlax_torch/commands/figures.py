@@ -29,7 +29,7 @@ class Figures(OfRuns):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Figures, arguments)
-    from ..reports.printing import write_figures  # imports torch
+    from ..reports.page import write_figures  # imports torch
     from ..runs.loading import trust_run
 
     for run in options.runs:

@@ -43,11 +43,11 @@ def command(arguments: Sequence[str]) -> None:
     if options.judge is not None:
         lesson.comparisons.judge(options.judge, answers, lesson.random)
     elif answers:
-        from ..viewers.explorer.comparisons import questions
+        from ..viewers.explorer.comparisons import lesson_questions
         from ..viewers.explorer.exhibits import ComparisonExhibit
 
         options.serve(
-            lambda _: ComparisonExhibit(questions(lesson, answers)), "when you have answered"
+            lambda _: ComparisonExhibit(lesson_questions(lesson, answers)), "when you have answered"
         )
     with cli.Live():
         fitted = lesson.finish()

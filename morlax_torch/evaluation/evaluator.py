@@ -267,9 +267,9 @@ def embody(env: Environment, designs: np.ndarray, rows: Tensor) -> np.ndarray:
     """
     bank = compile_bank(env, designs)
     env.adopt(bank)
-    places = torch.from_numpy((bank.kept.cumsum() - 1).clip(min=0)).to(env.device)  # in the bank
+    slots = torch.from_numpy((bank.kept.cumsum() - 1).clip(min=0)).to(env.device)  # in the bank
     everywhere = torch.ones_like(env.age, dtype=torch.bool)
-    env.embody(places[rows.to(env.device)], everywhere)
+    env.embody(slots[rows.to(env.device)], everywhere)
     return bank.kept
 
 

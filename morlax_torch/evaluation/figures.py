@@ -95,8 +95,8 @@ def _pair(
 
 def _label(axes: Axes, names: Sequence[str], pair: tuple[int, int]) -> None:
     colors = style.of_objectives(len(names))
-    style.lattice(axes, *(style.returned(names[k]) for k in pair))
-    style.tint(axes, *(colors[k] for k in pair))
+    across, up = (style.returned(names[k]) for k in pair)
+    style.lattice(axes, across, up, [colors[k] for k in pair])
 
 
 def parallel_figure(front: Front, title: str = "") -> Figure:
@@ -265,8 +265,8 @@ def returns_figure(front: Front, title: str = "") -> Figure:
             order = x.argsort()
             axes.plot(x[order], y[order], color="0.6", lw=0.8)
         style.points(axes, x, y, best, 10, colors[k])
-        style.lattice(axes, style.weight(names[across]), style.returned(names[k]))
-        style.tint(axes, colors[across], colors[k])
+        tints = colors[across], colors[k]
+        style.lattice(axes, style.weight(names[across]), style.returned(names[k]), tints)
         axes.set_ylim(style.limits(y[best]))
     style.legend_outside(figure)
     return figure

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError
-from ..envs.errors import LONGEST
+from ..envs.errors import LONGEST, line
 from ..envs.worlds.options import check_objectives
 from ..host.files import AnyPath, read, replacing
 from . import pareto
@@ -124,7 +124,7 @@ class Front(NamedTuple):
         except MemoryError:
             raise
         except Exception as error:  # numpy, zip and zlib each fail in their own way
-            reason = " ".join(str(error).split())[:LONGEST].rstrip(".")
+            reason = line(error)[:LONGEST].rstrip(".")
             raise MorlaxError(f"{path} is damaged or not a front: {reason}.") from None
 
     def _check(self) -> None:

@@ -89,9 +89,11 @@ def panels(
     return figure, [figure.add_subplot(rows, columns, cell + 1) for cell in range(number)]
 
 
-def lattice(axes: Axes, across: str = "", up: str = "") -> None:
-    """Label the axes and draw a grid."""
+def lattice(axes: Axes, across: str, up: str = "", colors: Sequence[str] = ()) -> None:
+    """Label both axes, give them colors if there are any, and draw a grid."""
     axes.set(xlabel=across, ylabel=up)
+    for side, color in zip(("bottom", "left"), colors, strict=False):
+        axes.spines[side].set(color=color, linewidth=2.5)
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
     axes.xaxis.set_major_locator(Apart())
@@ -137,11 +139,6 @@ def distinct(number: int) -> list[dict[str, Any]]:
     colors = mpl.colormaps[RUNS](np.linspace(0, 0.85, number))
     looks = zip(colors, cycle(MARKERS), cycle(LINES), strict=False)
     return [{"color": color, "marker": mark, "linestyle": line} for color, mark, line in looks]
-
-
-def tint(axes: Axes, x: str, y: str) -> None:
-    for side, color in (("bottom", x), ("left", y)):
-        axes.spines[side].set(color=color, linewidth=2.5)
 
 
 def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:

@@ -15,7 +15,6 @@ import torch
 from torch import Tensor, fx, nn
 from torch.export import ExportedProgram
 
-from .. import envs
 from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import Environment, MorlaxError, Robot
 from ..envs.errors import installation, unknown
@@ -108,19 +107,11 @@ def _samples(policy: Policy, rows: int) -> tuple[Tensor, Tensor]:
     return agent.observation_normalizer.of(agent.actor, tradeoff).inverse(noise), tradeoff
 
 
-def robot_of(policy: Policy) -> Robot:
-    """Make one robot of the policy's task."""
-    config = policy.config
-    robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
-    policy.agent.check_sizes(robot)
-    return robot
-
-
 def manifest(
     policy: Policy, tradeoff: Sequence[float] | None = None, robot: Robot | None = None
 ) -> dict[str, Any]:
     """Return the task, the order and units of inputs and outputs, and the control rate."""
-    config, env = policy.config, robot or robot_of(policy)
+    config, env = policy.config, robot or policy.make_robot()
     parts = env.layout()
     stops = accumulate(part.size for part in parts)
     return {
@@ -188,18 +179,18 @@ def control(env: Robot) -> dict[str, list[float]] | None:
         return None
     else:
 
-        def made(action: Tensor) -> Tensor:
+        def control_of(action: Tensor) -> Tensor:
             env.apply(action.expand(1, env.action_size))
             return env.physics.ctrl[0].clone()
 
         probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
-        offset, one_end, other_end, near = map(made, probes)
+        offset, one_end, other_end, near = map(control_of, probes)
         low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
         scale = (near - offset) / STEP
         draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
         for action in 2 * draws - 1:
             expected = (offset + scale * action).clamp(low, high)
-            if not torch.allclose(made(action), expected, atol=1e-5):
+            if not torch.allclose(control_of(action), expected, atol=1e-5):
                 return None
     tensors = {"scale": scale, "offset": offset, "low": low, "high": high}
     return {name: tensor.tolist() for name, tensor in tensors.items()}

@@ -8,9 +8,10 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
+from .. import envs
 from ..configuration.config import Config
 from ..configuration.tradeoffs import checked_tradeoff, one_tradeoff
-from ..envs import MorlaxError
+from ..envs import MorlaxError, Robot
 from ..envs.errors import shortened
 from ..envs.worlds.design_space import DesignSpace
 from .agent import Agent, SpecializedPolicy
@@ -75,6 +76,13 @@ class Policy(nn.Module):
         task = self.config.task.model_copy(update={"design": plain})
         config = self.config.model_copy(update={"task": task})
         return Policy(agent, config, self.objectives)
+
+    def make_robot(self, seed: int = 0) -> Robot:
+        """Make one robot of the task, with the body of these policies."""
+        task = self.config.task.for_evaluation()
+        robot = envs.make_robot(self.config.env, seed, **task.model_dump())
+        self.agent.check_sizes(robot)
+        return robot
 
     def reward_weights(self, tradeoff: Tensor | Sequence[float]) -> dict[str, float]:
         """Return the weight of every reward term that the policy of a trade-off (m,) learned from.

@@ -16,17 +16,9 @@ from ..evaluation.front import Front
 from ..host.files import unused
 from ..host.phases import phase, within
 from ..networks.policy import Policy
+from ..runs import loading
 from ..runs.checkpoint import front_path
 from ..runs.hardware import read_machines
-from ..runs.loading import (
-    evaluate,
-    find_checkpoint,
-    find_run,
-    is_changed,
-    load,
-    own_folder,
-    trust_run,
-)
 from . import comparison
 from .comparison import Evaluated
 from .page import indicator_cells, words, write
@@ -56,9 +48,9 @@ def evaluate_runs(
     name before anything is written. See `evaluate --help` for the other arguments.
     """
     for run in runs:
-        trust_run(run, trust, env)
+        loading.trust_run(run, trust, env)
     named = dict(zip(comparison.names(runs), runs, strict=True))
-    policies = {name: load(run, resolve_device(device)) for name, run in named.items()}
+    policies = {name: loading.load(run, resolve_device(device)) for name, run in named.items()}
     protocol = comparison.check_comparable(policies, protocol)
     first, configs = next(iter(policies.values())), [p.config for p in policies.values()]
     if tradeoffs is None:
@@ -66,13 +58,13 @@ def evaluate_runs(
     seeds = max(config.evaluation.seeds for config in configs) if seeds is None else seeds
     # damaged files are refused before the evaluation
     histories = {name: comparison.history_of(run) for name, run in named.items()}
-    machines = {name: read_machines(find_run(run)) for name, run in named.items()}
+    machines = {name: read_machines(loading.find_run(run)) for name, run in named.items()}
 
     def evaluated(policy: Policy) -> Front:
-        return evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
+        return loading.evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
 
     target = reference_front(reference, policies, protocol, evaluated) if reference else None
-    files = {name: find_checkpoint(run) for name, run in named.items()}
+    files = {name: loading.find_checkpoint(run) for name, run in named.items()}
     fronts = {}
     for name, policy in policies.items():
         with within(name):
@@ -85,9 +77,10 @@ def evaluate_runs(
         facts = fronts[name], histories[name], measures, machines[name]
         evaluations[name] = Evaluated(run, policies[name], *facts)
     show(evaluations)
-    as_trained = protocol == first.config.evaluation.protocol and not is_changed(runs[0], first)
+    changed = loading.is_changed(runs[0], first)
+    as_trained = protocol == first.config.evaluation.protocol and not changed
     # the files in a run's folder are of best.pt, evaluated as in training
-    folder, path = own_folder(runs[0]), Path(runs[0])
+    folder, path = loading.own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
     in_run = len(runs) == 1 and folder is not None and as_trained
     if output is not None:
@@ -121,7 +114,7 @@ def reference_front(
     if source.endswith(".npz"):
         front = Front.load(Path(source))
     else:
-        other = load(source)
+        other = loading.load(source)
         comparison.check_comparable({**policies, source: other}, protocol)
         front = evaluated(other)
     objectives = next(iter(policies.values())).objectives

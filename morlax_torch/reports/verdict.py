@@ -31,12 +31,12 @@ def verdict(front: Front, history: History | None) -> str:
     rising = None if history is None else _rising(history)
     problem, nothing = _problem(front), unreached(front)
     if nothing is not None:
-        said = [nothing] if problem else [nothing, _gain(front)]
+        sentences = [nothing] if problem else [nothing, _gain(front)]
     elif problem is not None:
-        said = [problem, rising]
+        sentences = [problem, rising]
     else:
-        said = [_gain(front), rising and f"{rising}: {LONGER}"]
-    return " ".join(f"{sentence}." for sentence in said if sentence)
+        sentences = [_gain(front), rising and f"{rising}: {LONGER}"]
+    return " ".join(f"{sentence}." for sentence in sentences if sentence)
 
 
 def _problem(front: Front) -> str | None:
@@ -65,18 +65,18 @@ def unreached(front: Front) -> str | None:
     if not len(returns) or (returns > front.reference_point).all(1).any():
         return None
     point = zip(front.objectives, map(_plain, front.reference_point), strict=True)
-    said = (
+    text = (
         f"No policy exceeds the reference point ({', '.join(map(' '.join, point))}) in every "
         "objective, so the hypervolume is 0 and shows no progress"
     )
     if front.protocol == "discounted":  # whose point is the same for all tasks
-        return f"{said}: use --evaluation.protocol latched{_failing_pays(front)}"
+        return f"{text}: use --evaluation.protocol latched{_failing_pays(front)}"
     worst = returns.min(0)
     size = np.maximum(np.abs(worst), np.ptp(returns, axis=0))
     lower = [float(f"{x:.3g}") for x in worst - BELOW * np.where(size > 0, size, 1.0)]
     right = np.where(worst > front.reference_point, front.reference_point, lower)
     return (
-        f"{said}: train with --task.reference-point {' '.join(map(_plain, right))}, slightly below "
+        f"{text}: train with --task.reference-point {' '.join(map(_plain, right))}, slightly below "
         f"the worst returns{_failing_pays(front)}"
     )
 

@@ -134,8 +134,8 @@ def _radius(model: mujoco.MjModel, data: mujoco.MjData, base: int, center: np.nd
     """Return how far the shown geoms of the base's tree reach; else all that move; else all."""
     moves = model.body_weldid[model.geom_bodyid] > 0
     sized = (model.geom_rbound > 0) & shown_geoms(model)
-    ours = model.body_rootid[model.geom_bodyid] == model.body_rootid[base]
-    masks = (sized & moves & ours, sized & moves, sized)
+    attached = model.body_rootid[model.geom_bodyid] == model.body_rootid[base]
+    masks = (sized & moves & attached, sized & moves, sized)
     geoms = next((mask for mask in masks if mask.any()), sized)
     away = np.linalg.norm(data.geom_xpos[geoms] - center, axis=1)
     return float((away + model.geom_rbound[geoms]).max(initial=0.1))

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import mujoco
 import torch
 
-from .. import envs
 from ..envs import TimeStep
 from ..networks.policy import Policy
 
@@ -21,14 +20,11 @@ class Player:
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
-        self.policy = policy
-        options = policy.config.task.for_evaluation().model_dump()
-        self.env = env = envs.make_robot(policy.config.env, seed, **options)
-        policy.agent.check_sizes(env)
+        self.policy, self.env = policy, policy.make_robot(seed)
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
         self.tradeoff = tradeoff
-        self.command = env.command[0].tolist() if env.command_limits else []
+        self.command = self.env.command[0].tolist() if self.env.command_limits else []
         self.reset()
 
     @property

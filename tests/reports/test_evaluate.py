@@ -22,8 +22,7 @@ from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
-from morlax_torch.reports.page import cell
-from morlax_torch.reports.printing import latex
+from morlax_torch.reports.page import cell, latex
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.loading import evaluate as evaluate_run

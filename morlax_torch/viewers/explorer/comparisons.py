@@ -6,7 +6,6 @@ from typing import Any
 import mujoco
 from numpy.typing import ArrayLike
 
-from ... import envs
 from ...evaluation.front import Front
 from ..preferences.teaching import Lesson
 from ..preferences.tradeoff import Preference
@@ -38,7 +37,12 @@ def policy_questions(front: Front, sessions: tuple[Session, Session], seed: int 
             preference.answer(pair[preferred], pair[1 - preferred])
 
 
-class ClipComparisons:
+def clip_questions(
+    model: mujoco.MjModel,
+    dt: float,
+    pairs: Iterable[Sequence[ArrayLike]],
+    answered: Callable[[int, int], None],
+) -> Questions:
     """Compare recorded motions of one robot, two at a time.
 
     Args:
@@ -48,27 +52,15 @@ class ClipComparisons:
         answered: called with the number of the question, from 0, and with the preferred clip,
             0 (A) or 1 (B). It is not called for skipped questions.
     """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        dt: float,
-        pairs: Iterable[Sequence[ArrayLike]],
-        answered: Callable[[int, int], None],
-    ):
-        self._model, self._dt, self._pairs, self._answered = model, dt, pairs, answered
-
-    def __iter__(self) -> Questions:
-        for number, pair in enumerate(self._pairs):
-            preferred = yield [Clip(self._model, qpos, self._dt) for qpos in pair], {}
-            if preferred is not None:
-                self._answered(number, preferred)
+    for number, pair in enumerate(pairs):
+        preferred = yield [Clip(model, qpos, dt) for qpos in pair], {}
+        if preferred is not None:
+            answered(number, preferred)
 
 
-def questions(lesson: Lesson, most: int) -> Questions:
+def lesson_questions(lesson: Lesson, most: int) -> Questions:
     """Ask about `most` pairs of a lesson's clips, and save each answer."""
-    config, comparisons = lesson.policy.config, lesson.comparisons
-    robot = envs.make_robot(config.env, **config.task.for_evaluation().model_dump())
+    robot, comparisons = lesson.policy.make_robot(), lesson.comparisons
     for _ in range(most):
         pair = comparisons.pair(lesson.random)
         positions = [comparisons.clips.qpos[clip] for clip in pair]

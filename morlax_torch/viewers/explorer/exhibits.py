@@ -15,7 +15,7 @@ from ...networks.policy import Policy
 from ...runs.choosing import Chooser
 from ...runs.loading import bookmark, bookmarks, evaluate, own_folder
 from . import library
-from .comparisons import ClipComparisons, Questions, policy_questions
+from .comparisons import Questions, policy_questions
 from .session import Behavior, Put, Session, Weights
 
 MOST = 4  # robots
@@ -108,13 +108,13 @@ class Thresholds:
 
 
 class ComparisonExhibit:
-    """Asks "A or B?" until a source of at least one question has no more.
+    """Asks "A or B?" until there are no more questions; there is at least one.
 
     `behaviors` are A and B, which may be others after each answer; the last ones stay.
     """
 
-    def __init__(self, source: ClipComparisons | Questions):
-        self._questions, self._answers, self._over = iter(source), 0, False
+    def __init__(self, questions: Questions):
+        self._questions, self._answers, self._over = questions, 0, False
         self._told: dict[str, Any] | None = None  # the answer before
         self.behaviors: Sequence[Behavior] = ()
         self.evidence: dict[str, Any] = {}

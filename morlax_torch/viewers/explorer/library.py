@@ -128,10 +128,10 @@ def choose(run: str, checkpoint: str | None = None) -> Choice:
 def _export(task: str | None, run: str, output: Path, tradeoff: Sequence[float]) -> list[Path]:
     """Write a policy as `morlax export` does; `task` is a moved FILE.py:CLASS."""
     from ...exports.deployment import SETTINGS, deploy  # takes a while to import
-    from ...exports.exporting import export, provenance, robot_of
+    from ...exports.exporting import export, provenance
 
     policy = loading.load(run, trust=True, env=task)  # its robots move already
-    robot, origin = robot_of(policy), {"run": provenance(run)}
+    robot, origin = policy.make_robot(), {"run": provenance(run)}
     export(policy, output, "onnx", tradeoff, origin, robot)
     lacks = deploy(robot, output, policy.config.env, policy.objectives, tradeoff)
     return [output] if lacks is None else [output, output.with_name(SETTINGS)]

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError, create_model
 
 from ...envs import MorlaxError
+from ...envs.errors import words
 from .. import libraries
 from .exhibits import Exhibit, Request
 from .server import Server, ServerConnection
@@ -171,7 +172,7 @@ class Page:
             text = str(error)
         except Exception as error:  # in the robot's own code, for example
             _log.exception("The page goes on after this error:")
-            text = f"{type(error).__name__}: {error}"
+            text = words(error)
         else:
             return None
         self._server.send(json.dumps({"type": "tell", "text": text}))

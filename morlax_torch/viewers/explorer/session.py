@@ -103,26 +103,26 @@ class Session(Behavior):
     """A robot and its trade-off.
 
     Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
-    that of the policies, if it was evaluated; `seed` that of the world and of the pushes.
+    that of the policies, if it was evaluated.
     """
 
-    def __init__(self, policy: Policy, front: Front | None, seed: int = 0):
-        self.objectives, self.front, self._seed = policy.objectives, front, seed
+    def __init__(self, policy: Policy, front: Front | None):
+        self.objectives, self.front = policy.objectives, front
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
-        self.player = player = Player(policy, self.tradeoff, seed)
+        self.player = player = Player(policy, self.tradeoff)
         super().__init__(policy, player.model, player.data, player.env.dt)
         self.last_episode: dict[str, Any] | None = None
         self.axes = horizontal(self.model, player.env.base)
         self._acting_on, self._opened = self.tradeoff, policy
-        self._directions = np.random.default_rng(seed)
+        self._directions = np.random.default_rng(0)
 
     @classmethod
     def open(cls, choice: Choice) -> Self:
-        """Show a checkpoint, with its front if it has one with finite returns."""
+        """Show a checkpoint, with its front if it has one."""
         policy, front = load(choice.file), None
         with suppress(MorlaxError):
             front = load_front(choice.file)
-        return cls(policy, front if front and np.isfinite(front.returns).all() else None)
+        return cls(policy, front)
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off and command."""
@@ -147,7 +147,7 @@ class Session(Behavior):
 
     def reshape(self, policy: Policy) -> None:
         """Go on with another body of this family, whose front is unknown."""
-        player = Player(policy, self.tradeoff, self._seed)
+        player = Player(policy, self.tradeoff)
         player.command = self.player.command
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0

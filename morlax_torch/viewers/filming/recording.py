@@ -134,11 +134,11 @@ class Film:
     @contextmanager
     def _scenes(self) -> Iterator[list[Scene]]:
         """Open the scene of each robot; robots of one body share theirs."""
-        players, scenes = [take.player for take in self._takes], {}
+        models = {take.player.policy: take.player.model for take in self._takes}
         with ExitStack() as stack:
-            for player in {player.policy: player for player in players}.values():
-                scenes[player.policy] = stack.enter_context(Scene(player.model, *self._size))
-            yield [scenes[player.policy] for player in players]
+            opened = (stack.enter_context(Scene(model, *self._size)) for model in models.values())
+            scenes = dict(zip(models, opened, strict=True))
+            yield [scenes[take.player.policy] for take in self._takes]
 
 
 class Take:

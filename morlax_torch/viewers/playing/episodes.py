@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...envs import MorlaxError
-from ...envs.errors import installation
+from ...envs.errors import installation, line
 from ...host.files import attempting, read
 from ...host.phases import phase
 from .robot import Array, Disturbances, Export, Robot
@@ -60,8 +60,7 @@ class Policy:
         try:
             self._session = onnxruntime.InferenceSession(content, options)
         except Exception as error:  # its own classes, which have no common base but this
-            reason = " ".join(str(error).split())
-            raise MorlaxError(f"onnxruntime cannot load {deployment.policy}: {reason}.") from None
+            raise MorlaxError(f"cannot load {deployment.policy}: {line(error)}.") from None
         self.objectives = tuple(deployment.settings.objectives)
         self.slides = "tradeoff" in {value.name for value in self._session.get_inputs()}
         # largest change per control step
@@ -221,11 +220,11 @@ def _steps(deployment: Export, seconds: float) -> int:
 def _episode(robot: Robot, policy: Policy, commands: Iterable[Array]) -> Episode:
     fallen, rows = False, []  # error, power and speed of each step
     for command in commands:
-        made = robot.step(policy.act(robot.observe(command)))
-        if fallen := made.fallen:
+        step = robot.step(policy.act(robot.observe(command)))
+        if fallen := step.fallen:
             break
-        error = np.linalg.norm(command[:2] - made.velocity[:2])
-        rows.append((error, made.power, np.linalg.norm(made.velocity[:2])))
+        error = np.linalg.norm(command[:2] - step.velocity[:2])
+        rows.append((error, step.power, np.linalg.norm(step.velocity[:2])))
     error, power, speed = np.mean(rows, axis=0).tolist() if rows else [np.nan] * 3
     seconds = (len(rows) + fallen) * robot.dt
     return Episode(float(fallen), seconds, error, power, speed, robot.weight())
@@ -265,7 +264,7 @@ def show(
             robot.model, robot.data, key_callback=steering.press, show_left_ui=False
         )
     except RuntimeError as error:  # on macOS, only mjpython may open a window
-        raise MorlaxError(f"cannot open a window: {' '.join(str(error).split())}") from None
+        raise MorlaxError(f"cannot open a window: {line(error)}") from None
     window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
     window.cam.trackbodyid = robot.base
     began, steps = time.perf_counter(), 0

@@ -17,7 +17,7 @@ from pydantic import AliasPath, BaseModel, Field, ValidationError, model_validat
 
 from ...configuration.files import read_yaml
 from ...envs import MorlaxError
-from ...envs.errors import explained, unknown
+from ...envs.errors import explained, line, unknown
 from ...envs.worlds.trees import base_of
 from ...exports.deployment import SETTINGS
 from ...host.files import read
@@ -135,8 +135,7 @@ def open_export(path: Path) -> Export:
     try:
         model = mujoco.MjSpec.from_zip(content).compile()
     except (ValueError, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).split())
-        raise MorlaxError(f"cannot load the model {archive}: {reason}.") from None
+        raise MorlaxError(f"cannot load the model {archive}: {line(error)}.") from None
     return Export(settings, model, folder / settings.policy if path == folder else path)
 
 
@@ -266,8 +265,8 @@ class Robot:
                 self.data.ctrl[self._motors] = self._pending.popleft()[1]
             mujoco.mj_step(self.model, self.data)
             self._count += 1
-            made = self.data.qfrc_actuator[self._qvel] * self.data.qvel[self._qvel]
-            power += float(made.clip(min=0).sum()) / self._substeps
+            powers = self.data.qfrc_actuator[self._qvel] * self.data.qvel[self._qvel]
+            power += float(powers.clip(min=0).sum()) / self._substeps
         if self.data.time >= self._next_push:
             self._next_push = self.data.time + self._rng.uniform(*PAUSES)
             most = self._disturbances.push

@@ -17,7 +17,7 @@ from ...configuration.config import Config, load_config
 from ...configuration.files import write_yaml
 from ...configuration.tradeoffs import dirichlet_tradeoffs
 from ...envs import Environment, MorlaxError, TaskOptions
-from ...envs.errors import LONGEST, unknown
+from ...envs.errors import LONGEST, line, unknown
 from ...envs.making import check_seed
 from ...envs.worlds.learned import TERM, LearnedReward
 from ...envs.worlds.options import check_objectives
@@ -157,7 +157,7 @@ class Comparisons:
             if [part.shape[:2] for part in clips] != sizes or np.max(answers, initial=0) >= n:
                 raise ValueError("its clips and answers do not fit together")
         except Exception as error:  # numpy, zip and zlib each fail in their own way
-            reason = " ".join(str(error).split())[:LONGEST].rstrip(".")
+            reason = line(error)[:LONGEST].rstrip(".")
             raise MorlaxError(f"{path} is damaged or has no comparisons: {reason}.") from None
         return cls(task, terms, clips, answers, sources, objective)
 
@@ -219,9 +219,9 @@ def _train(
     optimizer = torch.optim.AdamW(reward.parameters(), RATE, weight_decay=DECAY)
     for _ in range(EPOCHS):
         for part in samples.split(BATCH, 1):
-            clips, places = part.unique(return_inverse=True)
+            clips, indices = part.unique(return_inverse=True)
             ratings = _clip_ratings(reward, steps[clips])  # (E, clips)
-            chosen = ratings.gather(1, places.flatten(1)).view(places.shape)
+            chosen = ratings.gather(1, indices.flatten(1)).view(indices.shape)
             optimizer.zero_grad()
             _loss(chosen[..., 0] - chosen[..., 1]).backward()
             optimizer.step()

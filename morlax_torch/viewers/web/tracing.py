@@ -110,8 +110,6 @@ class Recorder(TorchDispatchMode):
         self._bases: dict[str, fx.Node] = {}
         self._changed: dict[str, None] = {}
         self._dynamic: set[fx.Node] = set()
-        # inputs are found while recording, but belong before it
-        self._end_of_inputs = self.graph.call_function(torch.zeros, ((),))
 
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         kwargs = kwargs or {}
@@ -136,7 +134,6 @@ class Recorder(TorchDispatchMode):
             self.outputs[name] = self._bases[name]
         results = [self._call(aten.clone.default, (x,), {}) for x in self.outputs.values()]
         self.graph.output(tuple(results))
-        self.graph.erase_node(self._end_of_inputs)
         return fx.GraphModule(self.root, self.graph)
 
     def _draw(self, func: Any, args: tuple, kwargs: dict[str, Any]) -> Tensor:
@@ -203,8 +200,7 @@ class Recorder(TorchDispatchMode):
 
     def _placeholder(self, name: str, tensor: Tensor) -> fx.Node:
         self.inputs[name] = tensor.detach().clone()
-        with self.graph.inserting_before(self._end_of_inputs):
-            node = self.graph.placeholder(name)
+        node = self.graph.placeholder(name)
         self._dynamic.add(node)
         return node
 

@@ -55,22 +55,19 @@ class WebModel(NamedTuple):
 def compiled(task: type[Environment], options: TaskOptions) -> tuple[mujoco.MjModel, WebModel]:
     """Compile a task's model, in any way that MuJoCo offers, and describe it."""
     made: list[tuple[mujoco.MjModel, mujoco.MjSpec]] = []
+    compile_ = mujoco.MjSpec.compile
 
-    def noting(owner: type, name: str, spec_of: Callable[..., mujoco.MjSpec]) -> Any:
-        """Note every model that is compiled in one way, with a copy of its spec."""
-        compile_ = getattr(owner, name)
+    def noting(spec: mujoco.MjSpec) -> mujoco.MjModel:
+        made.append((compile_(spec), spec.copy()))
+        return made[-1][0]
 
-        def substitute(source: Any, *assets: Any, **named: Any) -> mujoco.MjModel:
-            model = compile_(source, *assets, **named)
-            made.append((model, spec_of(source, **({"assets": assets[0]} if assets else named))))
-            return model
-
-        return patch.object(owner, name, substitute)
+    def through(read: Callable[..., mujoco.MjSpec]) -> Callable[..., mujoco.MjModel]:
+        return lambda source, assets=None: noting(read(source, assets=assets))
 
     with (
-        noting(mujoco.MjSpec, "compile", mujoco.MjSpec.copy),
-        noting(mujoco.MjModel, "from_xml_path", mujoco.MjSpec.from_file),
-        noting(mujoco.MjModel, "from_xml_string", mujoco.MjSpec.from_string),
+        patch.object(mujoco.MjSpec, "compile", noting),
+        patch.object(mujoco.MjModel, "from_xml_path", through(mujoco.MjSpec.from_file)),
+        patch.object(mujoco.MjModel, "from_xml_string", through(mujoco.MjSpec.from_string)),
     ):
         model = task.compile_model(options)
     if not made:
