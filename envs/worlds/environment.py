@@ -64,7 +64,6 @@ class Environment(Robot):
         self.dt = physics.model.opt.timestep * self.substeps
         self.draws, self._seed = Draws(self.generator, self.num_worlds), seed
         self.starts = self.prepare_starts(seed)
-        self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
         self._unsaved = checks.Unsaved(self)
         self.state = checks.state(self)
         self._initial = {name: value.clone() for name, value in self.state.items()}

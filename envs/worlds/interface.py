@@ -57,7 +57,6 @@ class Worlds(ABC):
     designs: ClassVar[dict[str, DesignParameter]] = {}  # parameters of the robot's body, by name
     lower_is_better: tuple[str, ...] = ()  # those of the quantities that policies should keep low
     paper_reset_terms: ClassVar[dict[str, float]] = {}  # for `paper_reset_reward`
-    age: Tensor  # (N,) integer control steps of each episode; needed where options have `stagger`
     _weights: Tensor  # (terms, m)
 
     def __init__(
@@ -67,7 +66,8 @@ class Worlds(ABC):
         self.auto_reset, self.episode_length = auto_reset, options.episode_length
         # of every random draw while stepping
         self.generator = torch.Generator(device).manual_seed(seed)
-        # () how often a world left sane bounds
+        # (N,) control steps of each episode; () how often a world left sane bounds
+        self.age = torch.zeros(num_worlds, dtype=torch.int32, device=device)
         self.blowups = torch.zeros((), dtype=torch.int64, device=device)
 
     def __init_subclass__(cls, **named: Any) -> None:
@@ -115,7 +115,7 @@ class Worlds(ABC):
     def reset(self) -> Tensor:
         """Start a new episode in every world; returns the observation (N, O)."""
         self.restart(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
-        if self.auto_reset and getattr(self.options, "stagger", False):  # first episodes only
+        if self.auto_reset and self.options.stagger:  # first episodes only
             self.age.random_(0, self.episode_length, generator=self.generator)
         return self._policy(self.critic_observation())
 
