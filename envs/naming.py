@@ -3,7 +3,7 @@
 from importlib import metadata
 from pathlib import Path
 
-from .errors import MorlaxError, shortened
+from .errors import MorlaxError, shortened, user_code
 
 GROUP = "morlax_torch.envs"  # of installed packages' entry points
 GYMNASIUM = "gymnasium:"  # before an id of Gymnasium's registry
@@ -22,10 +22,8 @@ def absolute(name: str) -> str:
     file, colon, member = name.rpartition(":")
     if not colon or not is_file(name):
         return name
-    try:
+    with user_code(f"{shortened(file)} is not the path of a file"):
         return f"{Path(file).expanduser().resolve()}:{member}"
-    except (OSError, RuntimeError, ValueError) as error:
-        raise MorlaxError(f"{shortened(file)} is not the path of a file: {error}.") from None
 
 
 def title(name: str) -> str:

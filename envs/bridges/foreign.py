@@ -59,7 +59,6 @@ class ForeignWorlds(Worlds):
     name: ClassVar[str]  # for error messages
     may_recover = False
     groups: tuple[str, ...]  # of observations, of policies first, in a library that has them
-    age: Tensor  # (N,) integer control steps of each episode, in a library that tells them
 
     def __init__(
         self,
@@ -69,10 +68,7 @@ class ForeignWorlds(Worlds):
         seed: int = 0,
         auto_reset: bool = True,
     ):
-        self.options, self.num_worlds, self.device = options, num_worlds, device
-        self.auto_reset, self.episode_length = auto_reset, options.episode_length
-        self.generator = torch.Generator(device).manual_seed(seed)
-        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
+        super().__init__(options, num_worlds, device, seed, auto_reset)
         self._open(seed)
         self.define_objectives()
         # in place, since a recorded step reads what the one before wrote
@@ -80,15 +76,6 @@ class ForeignWorlds(Worlds):
         features = self.observation_size + self.privileged_size
         self._seen = torch.zeros(num_worlds, features, dtype=torch.float32, device=device)
         self.reset()
-
-    @classmethod
-    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
-        if backend is not None or deterministic:
-            wish = "--deterministic" if deterministic else f"--backend {backend}"
-            raise MorlaxError(
-                f"these worlds have a simulator of their own, {cls.simulator}: leave {wish} out."
-            )
-        return cls(options, num_worlds, device, seed, auto_reset)
 
     @abstractmethod
     def _open(self, seed: int) -> None:
@@ -114,12 +101,6 @@ class ForeignWorlds(Worlds):
         if self.auto_reset and over.any():  # waits for a GPU: most steps copy no whole state
             seen = self._restart(over, final)
         return Outcome(seen, final, terms, failed, timed_out, blown_up)
-
-    def reset(self) -> Tensor:
-        observation = self.restart(torch.ones_like(self._over[0]))
-        if self.auto_reset and getattr(self.options, "stagger", False):
-            self.age.random_(0, self.episode_length, generator=self.generator)
-        return observation
 
     def restart(self, which: Tensor) -> Tensor:
         checks.mask(self, which)

@@ -125,7 +125,6 @@ class GymnasiumWorlds(ForeignWorlds):
         dt = getattr(self._envs[0].unwrapped, "dt", None)  # MuJoCo's environments have it
         if isinstance(dt, float) and dt > 0:
             self.dt = dt
-        self.age = torch.zeros(self.num_worlds, dtype=torch.int32)
         # as environments give it
         self._observation = np.zeros((self.num_worlds, self.observation_size))
         self.reseed(seed)

@@ -28,12 +28,9 @@ Value = bool | int | float | str | list[float]
 class PlaygroundOptions(ObjectiveOptions):
     """The options of every task of Playground."""
 
-    training_only = {**ObjectiveOptions.training_only, "stagger": False}
-
     overrides: dict[str, Value] = {}
     """Changes to the task's own config by key, such as reward_config.scales.energy: -0.01."""
     stagger: bool = True
-    """Start first episodes at random ages, so that time limits do not coincide."""
 
 
 @cache
@@ -86,7 +83,6 @@ class PlaygroundWorlds(ForeignWorlds):
         self.observation_size, self.privileged_size = task.observation_size, task.privileged_size
         self.action_size, self.reward_terms = task.action_size, task.reward_terms
         self._used = torch.ones(self.num_worlds, dtype=torch.bool, device=device)
-        self.age = torch.zeros_like(self._used, dtype=torch.int32)
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         # A reset of one world costs as much as one of all, in some tasks as much as 200 steps. So

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, MorlaxWarning, line
+from ..errors import MorlaxError, MorlaxWarning, user_code
 from .trees import base_of
 
 
@@ -118,14 +118,9 @@ def sizes(env: Any) -> None:
 def control(env: Any) -> None:
     """Check that `apply()` writes actions (N, A) into `physics.ctrl`, then restore it."""
     ctrl, shape, task = env.physics.ctrl, (env.num_worlds, env.action_size), type(env).__name__
-    before = ctrl.clone()
-    try:
+    before, sizes = ctrl.clone(), f"of shape {shape} into physics.ctrl of shape {_shape(ctrl)}"
+    with user_code(f"{task}.apply() cannot turn actions {sizes}"):
         env.apply(torch.zeros(shape, dtype=torch.float32, device=env.device))
-    except RuntimeError as error:
-        raise MorlaxError(
-            f"{task}.apply() cannot turn actions of shape {shape} into physics.ctrl of shape "
-            f"{tuple(ctrl.shape)}: {line(error)}"
-        ) from None
     if env.physics.ctrl is not ctrl:
         raise MorlaxError(
             f"{task}.apply() rebinds physics.ctrl, which detaches it from the simulator: write "

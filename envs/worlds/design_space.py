@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from mujoco import MjModel, MjSpec
 
-from ..errors import MorlaxError, line, shortened, unknown
+from ..errors import MorlaxError, line, shortened, unknown, user_code
 
 SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "neq", "nsensordata"
 DEPTH = 1e-3  # m that a body may penetrate more than the default body does at the start
@@ -89,11 +89,9 @@ def compiled(task: Any, values: Mapping[str, float]) -> tuple[MjSpec, MjModel]:
     """Compile a robot, an `Environment`, with these values of its design parameters."""
     space = DesignSpace(task.designs)
     design, spec = space.named(space.vector(values)), task.load_spec()
-    try:
+    with user_code(f"{task.__name__}: {design} makes no body"):
         task.shape(spec, design)
         return spec, spec.compile()
-    except ValueError as error:
-        raise MorlaxError(f"{task.__name__}: {design} makes no body: {line(error)}") from None
 
 
 def compile_bank(env: Any, designs: np.ndarray) -> Bank:

@@ -54,21 +54,16 @@ class Environment(Robot):
     def __init__(
         self, physics: Physics, options: TaskOptions, seed: int = 0, auto_reset: bool = True
     ):
-        self.physics, self.options, self.auto_reset = physics, options, auto_reset
+        super().__init__(options, physics.num_worlds, physics.device, seed, auto_reset)
+        self.physics, self.simulator = physics, physics.name
         self._episodes: Any = episodes
         if physics.device.type == "cuda":
             from . import episode_kernels  # one launch each, where torch takes a dozen
 
             self._episodes = episode_kernels
-        self.num_worlds, self.device = physics.num_worlds, physics.device
-        self.simulator = physics.name
-        self.episode_length = options.episode_length
         self.dt = physics.model.opt.timestep * self.substeps
-        self.generator = torch.Generator(self.device).manual_seed(seed)
         self.draws, self._seed = Draws(self.generator, self.num_worlds), seed
         self.starts = self.prepare_starts(seed)
-        self.age = torch.zeros(self.num_worlds, dtype=torch.int32, device=self.device)
-        self.blowups = torch.zeros((), dtype=torch.int64, device=self.device)
         self._unsaved = checks.Unsaved(self)
         self.state = checks.state(self)
         self._initial = {name: value.clone() for name, value in self.state.items()}
@@ -274,9 +269,7 @@ class Environment(Robot):
         self._restart(fresh)
 
     def reset(self) -> Tensor:
-        self._restart(torch.ones_like(self.age, dtype=torch.bool))
-        if self.options.stagger:  # the ages of first episodes only
-            self.age.random_(0, self.episode_length, generator=self.generator)
+        super().reset()
         if self._noise:
             self._noise.draw()
         return self._policy(self.critic_observation())

@@ -45,9 +45,6 @@ class Worlds(ABC):
     may_recover: ClassVar[bool] = True  # without `auto_reset`, a failed world goes on
     simulator: str  # name of the simulator
     options: ObjectiveOptions
-    num_worlds: int
-    device: torch.device
-    auto_reset: bool
     episode_length: int
     dt: float = math.inf  # seconds of a control step; infinite: unknown
     observation_size: int
@@ -60,9 +57,18 @@ class Worlds(ABC):
     designs: ClassVar[dict[str, DesignParameter]] = {}  # parameters of the robot's body, by name
     lower_is_better: tuple[str, ...] = ()  # those of the quantities that policies should keep low
     paper_reset_terms: ClassVar[dict[str, float]] = {}  # for `paper_reset_reward`
-    generator: torch.Generator  # of every random draw while stepping
-    blowups: Tensor  # () int64: how often a world left sane bounds
     _weights: Tensor  # (terms, m)
+
+    def __init__(
+        self, options: Any, num_worlds: int, device: torch.device, seed: int, auto_reset: bool
+    ):
+        self.options, self.num_worlds, self.device = options, num_worlds, device
+        self.auto_reset, self.episode_length = auto_reset, options.episode_length
+        # of every random draw while stepping
+        self.generator = torch.Generator(device).manual_seed(seed)
+        # (N,) control steps of each episode; () how often a world left sane bounds
+        self.age = torch.zeros(num_worlds, dtype=torch.int32, device=device)
+        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
 
     def __init_subclass__(cls, **named: Any) -> None:
         super().__init_subclass__(**named)
@@ -84,7 +90,6 @@ class Worlds(ABC):
         )
 
     @classmethod
-    @abstractmethod
     def build(
         cls,
         options: Any,
@@ -96,11 +101,23 @@ class Worlds(ABC):
         auto_reset: bool,
         deterministic: bool,
     ) -> Self:
-        """Build N worlds; `envs.make` calls this with validated `options` of class `Options`."""
+        """Build N worlds; `envs.make` calls this with validated `options` of class `Options`.
 
-    @abstractmethod
+        By default, they have one simulator, of their own.
+        """
+        if backend is not None or deterministic:
+            wish = "--deterministic" if deterministic else f"--backend {backend}"
+            raise MorlaxError(
+                f"these worlds have a simulator of their own, {cls.simulator}: leave {wish} out."
+            )
+        return cls(options, num_worlds, device, seed, auto_reset)
+
     def reset(self) -> Tensor:
         """Start a new episode in every world; returns the observation (N, O)."""
+        self.restart(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
+        if self.auto_reset and self.options.stagger:  # first episodes only
+            self.age.random_(0, self.episode_length, generator=self.generator)
+        return self._policy(self.critic_observation())
 
     @abstractmethod
     def restart(self, which: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import leaky_relu
 
-from ..errors import MorlaxError
+from ..errors import MorlaxError, user_code
 
 TERM = "learned"  # name of the reward term
 FORMAT = 1
@@ -77,11 +77,11 @@ class LearnedReward(nn.Module):
     @classmethod
     def load(cls, path: Path, observation_size: int, action_size: int) -> Self:
         """Read a learned reward of a task with O observations and A actions."""
-        try:
+        with user_code(f"cannot read the learned reward {path}"):
             data = path.read_bytes()
-        except (OSError, ValueError) as error:  # ValueError: the path has a NUL
-            raise MorlaxError(f"cannot read the learned reward {path}: {error}.") from None
-        try:
+        # zip, pickle and torch each fail in their own way on a damaged file
+        wrong = "is damaged or not one: fit it again with morlax teach"
+        with user_code(f"the learned reward {path} {wrong}"):
             sound = zipfile.ZipFile(io.BytesIO(data)).testzip() is None  # torch checks no checksum
             values = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
             sound &= values.pop("format") == FORMAT
@@ -90,12 +90,6 @@ class LearnedReward(nn.Module):
             reward.load_state_dict(state)
             if not (sound and all(value.isfinite().all() for value in state.values())):
                 raise ValueError("not a sound learned reward")
-        except MemoryError:
-            raise
-        except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
-            raise MorlaxError(
-                f"the learned reward {path} is damaged or not one: fit it again with morlax teach."
-            ) from None
         sizes = reward.observation_size, reward.action_size
         if sizes != (observation_size, action_size):
             raise MorlaxError(

@@ -85,7 +85,8 @@ Steps = Annotated[tuple[Delay, Delay], AfterValidator(_ordered)]
 class ObjectiveOptions(Section):
     """The options of every task."""
 
-    training_only: ClassVar[dict[str, Any]] = {"guide": {}}  # options, with values to evaluate with
+    # options, with values to evaluate with
+    training_only: ClassVar[dict[str, Any]] = {"guide": {}, "stagger": False}
 
     objectives: Objectives
     """The objectives to trade off; each is a weighted sum of reward terms."""
@@ -98,6 +99,8 @@ class ObjectiveOptions(Section):
     """Reference point of the hypervolume, one number per objective (None: the origin)."""
     episode_length: Count = 500
     """Control steps after which an episode is truncated."""
+    stagger: bool = False
+    """Start first episodes at random ages, so that time limits do not coincide."""
 
     def for_evaluation(self) -> Self:
         """Return the options to evaluate and show policies under, without those for training."""
@@ -152,12 +155,8 @@ class Randomization(Section):
 class TaskOptions(ObjectiveOptions):
     """The options of every MuJoCo robot; a task sets its own defaults and may add options."""
 
-    training_only = {**ObjectiveOptions.training_only, "stagger": False}
-
     reset_noise: NonNegativeFloat = 0.0
     """Spread of the initial state: uniform on positions (m, rad), normal on velocities."""
-    stagger: bool = False
-    """Start first episodes at random ages, so that time limits do not coincide."""
     solver_iterations: Count | None = None
     """Iteration limit of the constraint solver (None: as in the MJCF)."""
     nconmax: Count = 48

@@ -95,9 +95,11 @@ class MaskedStep:
 
     def _intervals(self) -> Iterator[tuple[Any, Tensor]]:
         """Return events that happen at intervals, and the seconds until each, (N,)."""
-        events = self.env.event_manager
-        left = getattr(events, "_interval_term_time_left", [])
-        return zip(_terms(events, "interval"), left, strict=True)
+        left = getattr(self.env.event_manager, "_interval_term_time_left", [])
+        return zip(self._events("interval"), left, strict=True)
+
+    def _events(self, mode: str) -> list[Any]:
+        return self.env.event_manager._mode_term_cfgs.get(mode, [])
 
     def _restart(self, over: Tensor) -> None:
         """Start new episodes in the worlds of a mask (N,)."""
@@ -108,7 +110,7 @@ class MaskedStep:
 
         def restart() -> None:
             env.scene.reset(self.everyone)
-            for term in _terms(env.event_manager, "reset"):
+            for term in self._events("reset"):
                 self._run(term)
             env.action_manager.reset(self.everyone)
             for manager in (env.reward_manager, env.termination_manager, env.observation_manager):
@@ -237,10 +239,6 @@ def _yaw(frames: Tensor) -> Tensor:
     cos, sin = ahead.unbind(1)
     zero, one = torch.zeros_like(cos), torch.ones_like(cos)
     return torch.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], 1).view(-1, 3, 3)
-
-
-def _terms(manager: Any, mode: str) -> list[Any]:
-    return manager._mode_term_cfgs.get(mode, [])
 
 
 def _resettable(manager: Any) -> list[Any]:

@@ -47,7 +47,7 @@ _rehearsed: set[str] = set()
 class MjlabOptions(ObjectiveOptions):
     """The options of every mjlab task. Reward terms keep mjlab's weight and time step."""
 
-    training_only = {**ObjectiveOptions.training_only, "curriculum": False, "stagger": False}
+    training_only = {**ObjectiveOptions.training_only, "curriculum": False}
 
     action_scale: PositiveFloat = 1.0
     """Factor on actions in [-1, 1]: those of mjlab have no bounds."""
@@ -63,7 +63,6 @@ class MjlabOptions(ObjectiveOptions):
     curriculum: bool = False
     """Make the task harder while training goes on, as mjlab does."""
     stagger: bool = True
-    """Start first episodes at random ages, so that time limits do not coincide."""
 
 
 @cache
