@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import pydantic
-from pydantic import Field, PositiveFloat, ValidationError, ValidationInfo
+from pydantic import Field, PositiveFloat, ValidationInfo
 
 from .. import envs
 from ..envs import MorlaxError, ObjectiveOptions
-from ..envs.errors import explained, shortened, unknown
+from ..envs.errors import shortened, unknown, validated
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..host.phases import phase
@@ -252,11 +252,7 @@ def load_config(values: dict[str, Any], context: str | None = None) -> Config:
     """
     if not isinstance(values.get("env"), str):
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
-    model = config_class(values["env"], algorithm_of(values))
-    try:
-        return model.model_validate(values, context=context)
-    except ValidationError as error:
-        raise explained(error, model) from None
+    return validated(config_class(values["env"], algorithm_of(values)), values, context=context)
 
 
 def config_for(env: str, **changes: Any) -> Config:

@@ -14,7 +14,6 @@ from pydantic import (
     ConfigDict,
     Field,
     NonNegativeInt,
-    ValidationError,
     field_validator,
     model_validator,
 )
@@ -24,7 +23,7 @@ from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
-from ..envs.errors import LONGEST, explained, shortened
+from ..envs.errors import LONGEST, line, shortened, validated
 from ..envs.naming import movable
 from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import check_objectives
@@ -139,12 +138,7 @@ def load(path: Path) -> Contents:
             f"the checkpoint {path} has format {shortened(number)}, but this version of "
             f"morlax_torch reads format {FORMAT}: use the version that wrote it."
         )
-    try:
-        return Contents.model_validate(values)
-    except ValidationError as error:
-        raise MorlaxError(
-            f"the checkpoint {path} is damaged: {explained(error, Contents)}"
-        ) from None
+    return validated(Contents, values, f"the checkpoint {path} is damaged: ")
 
 
 def _check_sums(data: IO[bytes]) -> None:
@@ -226,7 +220,7 @@ def restore(contents: Contents, path: Path, learner: Learner) -> bool:
         check_state(state, current)
         learner.load_state_dict(state)
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:LONGEST]
+        reason = line(error)[:LONGEST]
         raise MorlaxError(f"the state in {path} does not fit this learner: {reason}.") from None
     return changed
 

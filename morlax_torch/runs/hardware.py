@@ -7,12 +7,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import torch
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from ..algorithms.learner import Learner
 from ..configuration.files import read_yaml, write_yaml
-from ..envs import MorlaxError
-from ..envs.errors import explained
+from ..envs.errors import validated
 from ..host.files import write_file
 
 FILE = "hardware.yaml"
@@ -65,10 +64,8 @@ def read_machines(folder: Path) -> list[Machine]:
     path = folder / FILE
     if not path.exists():
         return []
-    try:
-        return _Machines.model_validate(read_yaml(path, "record", "machines: []")).machines
-    except ValidationError as error:
-        raise MorlaxError(f"{path} is damaged: {explained(error, _Machines)}") from None
+    values = read_yaml(path, "record", "machines: []")
+    return validated(_Machines, values, f"{path} is damaged: ").machines
 
 
 def write_machines(folder: Path, machines: list[Machine]) -> None:

@@ -9,7 +9,7 @@ import torch
 from morlax_torch import Policy, config_for
 from morlax_torch.algorithms.learner import make_agent
 from morlax_torch.baselines.pg_morl import learner as pg_morl
-from morlax_torch.baselines.pg_morl import population, prediction
+from morlax_torch.baselines.pg_morl import population
 from morlax_torch.baselines.pg_morl.agent import belongings
 from morlax_torch.baselines.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
@@ -123,7 +123,7 @@ def history(
 def test_the_model_is_the_one_of_the_paper():
     random = np.random.default_rng(0)
     parameters, x = random.uniform([0, 0.1, -1, -1], [1, 20, 2, 2]), random.random(50)
-    assert prediction.hyperbolic(parameters, x) == pytest.approx(hyperbolic(x, *parameters))
+    assert population.hyperbolic(parameters, x) == pytest.approx(hyperbolic(x, *parameters))
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
@@ -131,7 +131,7 @@ def test_changes_that_follow_the_model_are_predicted(m):
     before, weights, change = history(60, m)
     candidates = np.random.default_rng(1).dirichlet(np.ones(m), (4, 9))
     points = np.random.default_rng(2).uniform(99, 101, (4, m))
-    predicted = prediction.predict(before, weights, change, points, candidates)
+    predicted = population.predict(before, weights, change, points, candidates)
     assert predicted.shape == (4, 9, m)
     for k in range(m):
         expected = hyperbolic(candidates[..., k], 20 + 5 * k, 6 + k, 0.3, 4 - k)
@@ -167,7 +167,7 @@ def test_neighborhoods_equal_a_slow_search(m, kinds):
     _, numbers = np.unique(weights, axis=0, return_inverse=True)
     for point in points:
         expected = slow_neighborhood(before, weights, change, point)
-        near = prediction.neighborhood(np.abs(before - point) / extent, numbers)
+        near = population.neighborhood(np.abs(before - point) / extent, numbers)
         found = dict(zip(near[0].tolist(), near[1], strict=True))
         assert found == pytest.approx(expected)
 
@@ -184,9 +184,9 @@ def test_without_differences_the_same_change_is_predicted_everywhere(m):
         (points[:1] - 1, candidates[0, :1], change[None], 5 + change),
         (np.full((9, m), 4.0), np.full((9, m), 1 / m), np.tile(change, (9, 1)), 5 + change),
     ):
-        predicted = prediction.predict(before, weights, changes, points, candidates)
+        predicted = population.predict(before, weights, changes, points, candidates)
         assert predicted == pytest.approx(np.broadcast_to(expected, (3, 4, m)))
-    none = prediction.predict(points, points, points, np.zeros((0, m)), np.zeros((0, 7, m)))
+    none = population.predict(points, points, points, np.zeros((0, m)), np.zeros((0, 7, m)))
     assert none.shape == (0, 7, m)
 
 
