@@ -2,7 +2,6 @@
 
 import math
 import os
-import shlex
 import subprocess
 import sys
 import time
@@ -20,7 +19,7 @@ from ..envs.worlds.options import Count
 from ..host.torchrun import SEVERAL
 from .terminal.arguments import Start, begin, placed, values_over
 from .terminal.cli import Live, console, print_command
-from .terminal.process import Interruption, interruptible, program
+from .terminal.process import Interruption, interruptible, typed
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -66,8 +65,8 @@ class Tune(Start):
 def read(arguments: Sequence[str]) -> tuple[Config, Tune, bool]:
     """Read the config of the file or task that is named, options, and whether one GPU is named."""
     options, others = begin(Tune, arguments)
-    typed = " ".join(others).replace("_", "-")
-    if any(f"--{name}" in typed for name in OURS):
+    line = " ".join(others).replace("_", "-")
+    if any(f"--{name}" in line for name in OURS):
         raise MorlaxError(f"the search sets {', '.join(OURS)} itself: use --seconds instead.")
     values = values_over(options, others) | {"max_seconds": options.seconds}
     return placed(values), options, ":" in str(values["device"])
@@ -187,10 +186,9 @@ def _print_end(search: "Search", trials: int, arguments: Sequence[str]) -> None:
         listed = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
         console.print(f"how much options decide whether a trial is among the best: {listed}")
     if len(finished) < trials:
-        print_command("continue", f"{program('tune')} {shlex.join(arguments)}")
+        print_command("continue", typed("tune", *arguments))
     if ranked:
-        best = shlex.quote(str(search.folder / "best.yaml"))
-        print_command("next", f"{program('train')} --config {best}")
+        print_command("next", typed("train", "--config", search.folder / "best.yaml"))
     elif finished:
         last = finished[-1].user_attrs.get("reason")
         raise MorlaxError(f"no trial is complete, the last one because: {last}")

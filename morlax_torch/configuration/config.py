@@ -276,14 +276,19 @@ def config_for(env: str, **changes: Any) -> Config:
     return load_config(over_task_values(env, values, device_type))
 
 
-def differences(one: Config, other: Config) -> list[str]:
-    """Say which values of `other` a resumed run may not change: "ppo.clip: 0.3 instead of 0.2"."""
+def check_resumable(one: Config, other: Config, mistake: str, remedy: str) -> None:
+    """Raise MorlaxError if a resumed run may not change from one config to the other."""
     values, others = flat(one.model_dump(mode="json")), flat(other.model_dump(mode="json"))
-    return [
+    changes = [
         f"{key}: {others.get(key)} instead of {values.get(key)}"
         for key in {**values, **others}
         if key.split(".")[0] not in MAY_CHANGE and values.get(key) != others.get(key)
     ]
+    if changes:
+        raise MorlaxError(
+            f"{mistake} ({'; '.join(changes)}): {remedy}. A resumed run may change only "
+            f"{', '.join(MAY_CHANGE)}."
+        )
 
 
 def changed(values: dict[str, Any]) -> set[str]:

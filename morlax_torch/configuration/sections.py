@@ -1,7 +1,7 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from typing import Annotated, ClassVar, Literal, Self, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
@@ -135,11 +135,6 @@ class EvaluationConfig(Section):
     designs: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of bodies to evaluate with, if sampling.designs is not 0: that of task.design, and
     others that training may not have seen. Indicators are means over them."""
-
-    def measures_like(self, other: Self) -> bool:
-        """Return whether hypervolumes can be compared with those of another config."""
-        mine, theirs = ((e.protocol, e.tradeoffs, e.seeds, e.designs) for e in (self, other))
-        return mine == theirs
 
 
 class MethodOptions(Section):

@@ -9,15 +9,9 @@ from pathlib import Path
 from typing import IO, Annotated, Any, Self
 
 import torch
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    NonNegativeInt,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, field_validator, model_validator
 from torch import Tensor
+from torch.utils._pytree import tree_map_only
 
 from .. import envs
 from ..algorithms.learner import Learner
@@ -93,7 +87,7 @@ class Contents(BaseModel):
 
 def snapshot(learner: Learner) -> dict[str, Any]:
     """Copy the whole state of a learner to the CPU; all processes of its group must call it."""
-    group, state = learner.group, _on_cpu(learner.state_dict())
+    group, state = learner.group, tree_map_only(Tensor, Tensor.cpu, learner.state_dict())
     if group.size > 1:
         _, *state["processes"] = group.gather({name: state[name] for name in learner.per_process})
     return {
@@ -102,14 +96,6 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "own_networks": learner.agent.own_networks(),
         "learner": state,
     }
-
-
-def _on_cpu(state: Any) -> Any:
-    if isinstance(state, dict):
-        return {name: _on_cpu(value) for name, value in state.items()}
-    if isinstance(state, list | tuple):
-        return type(state)(map(_on_cpu, state))
-    return state.cpu() if isinstance(state, Tensor) else state
 
 
 def write(path: AnyPath, contents: dict[str, Any], progress: Progress | None = None) -> None:

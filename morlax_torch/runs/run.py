@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
-from ..configuration.config import MAY_CHANGE, Config, changed, differences, flat, load_config
+from ..configuration.config import MAY_CHANGE, Config, changed, check_resumable, flat, load_config
 from ..configuration.files import read_yaml, write_record
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
@@ -125,12 +125,9 @@ class Run:
             edited = load_config(localized(values, self.folder))
         except MorlaxError as error:
             raise MorlaxError(f"{file} does not fit: {error}") from None
-        if changes := differences(stored, edited):
-            raise MorlaxError(
-                f"{file} was edited since the run began ({'; '.join(changes)}): undo that, or "
-                f"start a new run with --config {file}. A resumed run may change only "
-                f"{', '.join(MAY_CHANGE)}."
-            )
+        mistake = f"{file} was edited since the run began"
+        remedy = f"undo that, or start a new run with --config {file}"
+        check_resumable(stored, edited, mistake, remedy)
         return stored.model_copy(update={name: getattr(edited, name) for name in MAY_CHANGE})
 
     def limit_reached(self, config: Config) -> str | None:
@@ -160,7 +157,7 @@ class Run:
         evaluation = learner.config.evaluation
         before = type(evaluation).model_validate(contents.config.get("evaluation", {}))
         # other evaluations have other hypervolumes, so the record of the best one begins anew
-        anew = other_model or not before.measures_like(evaluation)
+        anew = other_model or before.model_copy(update={"every": evaluation.every}) != evaluation
         update = {"best_selection": None, "best_hypervolume": 0.0} if anew else {}
         return contents.progress.model_copy(update=update)
 
@@ -176,7 +173,8 @@ class Run:
 
     def _clear_up(self, learner: Learner, contents: Contents) -> None:
         """Make files agree with a checkpoint: rows and drafts go, best.pt is completed."""
-        evaluated, rows = contents.progress.evaluated, self._read_rows()
+        evaluated = contents.progress.evaluated
+        rows = read_rows(self._metrics) if self._metrics.exists() else []
         machines, machine = read_machines(self.folder), Machine.of(learner)
         last = learner.iteration if evaluated else learner.iteration - 1
         self._rows = [row for row in rows if int(row["iteration"]) <= last]
@@ -237,9 +235,6 @@ class Run:
             self._write_events(evaluation, task)
         self._rows.append(evaluation.row())
         self._write_rows()
-
-    def _read_rows(self) -> list[dict[str, str]]:
-        return read_rows(self._metrics) if self._metrics.exists() else []
 
     def _write_rows(self) -> None:
         if not self._rows:

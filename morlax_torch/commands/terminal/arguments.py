@@ -15,7 +15,7 @@ from pydantic_core import PydanticUndefined
 from tyro import constructors
 
 from ... import envs
-from ...configuration.config import DRAFT, MAY_CHANGE, Config, differences, load_config
+from ...configuration.config import DRAFT, Config, check_resumable, load_config
 from ...configuration.files import file_values, read_yaml, task_values
 from ...envs import MorlaxError
 from ...envs.errors import validated
@@ -60,10 +60,10 @@ class OfRun(Trusting):
     """Run folder (its best checkpoint), or runs/TASK or latest for the newest run; checkpoint file;
     or shipped policy."""
 
-    def use(self, command: str, more: str = "") -> str:
+    def use(self, command: str, *words: str) -> str:
         """Return the command line that uses the run."""
         moved = [] if self.env is None else ["--env", self.env]
-        return typed(command, self.run, *["--trust"] * self.trust, *moved) + more
+        return typed(command, self.run, *["--trust"] * self.trust, *moved, *words)
 
 
 class OfRuns(Trusting):
@@ -358,11 +358,8 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
     values = values_over(start, options, base)
     values |= start.model_dump(include={"device", "algorithm", "env"}, exclude_none=True)
     config = placed(values, base)
-    if others := differences(base, config):
-        raise MorlaxError(
-            f"a resumed run keeps its config ({'; '.join(others)}): leave that out, or start a new "
-            f"run. Only {', '.join(MAY_CHANGE)} may change."
-        )
+    mistake, remedy = "a resumed run keeps its config", "leave that out, or start a new run"
+    check_resumable(base, config, mistake, remedy)
     return config, run
 
 
