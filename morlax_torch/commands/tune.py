@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, PositiveFloat
 
-from ..configuration.config import Config, flat
+from ..configuration.config import Config
 from ..configuration.sections import Indicator
 from ..envs import MorlaxError
 from ..envs.naming import title
@@ -22,8 +22,6 @@ from .terminal.cli import Live, console, print_command
 from .terminal.process import Interruption, interruptible, typed
 
 if TYPE_CHECKING:
-    from optuna.trial import FrozenTrial
-
     from ..tuning.study import Search
 
 PARENT = "MORLAX_TUNE_PARENT"  # set in workers: the process that waits for them
@@ -97,13 +95,12 @@ def command(arguments: Sequence[str]) -> None:
             f"{len(search.finished())} of them done; {len(gpus)} x {config.device}"
         )
         console.print(f"study {search.study.study_name} in {search.storage}")
-        names = "  ".join(f"{name[:11]:>11}" for name in options.indicators)
-        console.print(f"trial  state     {names}  ratio  changed options")
+        console.print(search.heads())
         if len(gpus) > 1:
             _run_workers(arguments, gpus, search, interrupted)
         else:
             with Live():
-                search.run(options.trials, stopped, lambda trial: _print_trial(search, trial))
+                search.run(options.trials, stopped, lambda trial: console.print(search.line(trial)))
         _print_end(search, options.trials, arguments)
     if interrupted():
         interrupted.exit()
@@ -145,7 +142,7 @@ def _run_workers(
                 for trial in search.finished():
                     if trial.number not in printed:
                         printed.add(trial.number)
-                        _print_trial(search, trial)
+                        console.print(search.line(trial))
         for worker in workers:
             worker.terminate()
         for worker in workers:
@@ -157,31 +154,12 @@ def _run_workers(
         raise MorlaxError(f"all {len(workers)} workers ended early: see the lines above.")
 
 
-def _print_trial(search: "Search", trial: "FrozenTrial") -> None:
-    from ..tuning.study import state_of
-
-    text, measured = trial.user_attrs.get("reason", ""), trial.user_attrs.get("measured")
-    if measured and not text:
-        bases = (each.user_attrs for each in search.ranked() if each.user_attrs.get("base"))
-        volume = next((base["measured"][search.main] for base in bases), 0.0)
-        ratio = f"{measured[search.main] / volume:.2f}" if volume > 0 else "-"
-        usual = flat(search.base.model_dump(mode="json"))
-        changed = [
-            f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
-            for name, value in trial.user_attrs["options"].items()
-            if value != usual.get(name)
-        ]
-        values = "  ".join(f"{measured[name]:11.4e}" for name in search.indicators)
-        text = f"{values}  {ratio:>5}  {' '.join(changed) or 'the base config'}"
-    console.print(f"{trial.number:5d}  {state_of(trial):8}  {text}")
-
-
 def _print_end(search: "Search", trials: int, arguments: Sequence[str]) -> None:
     """Print the best trials and the next command, or raise MorlaxError if all have failed."""
     finished, ranked = search.finished(), search.ranked()
     console.print(f"{len(finished)} of {trials} trials done; the best:")
     for trial in ranked[:BEST]:
-        _print_trial(search, trial)
+        console.print(search.line(trial))
     if shares := search.importances():
         listed = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
         console.print(f"how much options decide whether a trial is among the best: {listed}")

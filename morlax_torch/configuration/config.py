@@ -221,7 +221,12 @@ class Config(Section):
                 "least one above zero, and then a share of training up to 1"
             )
         self.task.check_seeds(self.evaluation.seeds)
-        self.method.check(K)
+        if isinstance(self.method, HyperSACOptions) and self.method.batch % K:
+            batch = self.method.batch
+            raise ValueError(
+                f"method.batch ({batch}) must be a multiple of {K} (sampling.clusters): "
+                f"try --method.batch {max(1, batch // K) * K}"
+            )
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
         if not self.off_policy and dealt % self.ppo.minibatches:
             raise ValueError(

@@ -149,9 +149,6 @@ class MethodOptions(Section):
         """R of the algorithm's own number of independent networks; 0: as `sampling` says."""
         return 0
 
-    def check(self, clusters: int) -> None:
-        """Raise ValueError unless the options fit a run with so many trade-offs at a time."""
-
 
 class HyperMORLOptions(MethodOptions):
     """HYPER-MORL has no options, but a constant."""
@@ -211,14 +208,6 @@ class HyperSACOptions(MethodOptions):
     hold: float = Field(default=0.02, ge=0, le=100)
     """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
-
-    def check(self, clusters: int) -> None:
-        if self.batch % clusters:
-            raise ValueError(
-                f"method.batch ({self.batch}) must be a multiple of {clusters} "
-                "(sampling.clusters): try --method.batch "
-                f"{max(1, self.batch // clusters) * clusters}"
-            )
 
 
 OPTIONS = {

@@ -16,12 +16,10 @@ from ..host.files import write_file
 
 FILE = "hardware.yaml"
 CPUS = Path("/proc/cpuinfo")
-PACKAGES = {  # by Worlds.simulator
+PACKAGES = {  # by `Worlds.simulator`; others have the simulator's name
     "C MuJoCo": "mujoco",
     "MuJoCo Warp": "mujoco-warp",
     "MuJoCo Playground": "playground",
-    "gymnasium": "gymnasium",
-    "mjlab": "mjlab",
 }
 
 
@@ -37,8 +35,8 @@ class Machine(BaseModel):
     @classmethod
     def of(cls, learner: Learner) -> "Machine":
         simulator = learner.env.simulator
-        with suppress(KeyError, PackageNotFoundError):  # of a user's own worlds
-            simulator = f"{simulator} {version(PACKAGES[simulator])}"
+        with suppress(PackageNotFoundError, ValueError):  # of a user's own worlds
+            simulator = f"{simulator} {version(PACKAGES.get(simulator, simulator))}"
         return cls(
             device=device_name(learner.env.device),
             processes=learner.group.size,
