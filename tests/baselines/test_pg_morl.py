@@ -67,14 +67,15 @@ def test_each_bin_keeps_its_policies_farthest_from_the_reference(m, size):
 
 def test_policies_that_do_not_exceed_the_reference_are_dropped():
     directions = population.directions(4, 2)
-    returns = [[1, 0], [0, 1], [-1, 5], [NAN, 1], [np.inf, 1], [1e-9, 1e-9]]
-    assert population.performance_buffer(returns, [0, 0], directions, 3).tolist() == [5]
-    assert population.performance_buffer(returns, [1, 1], directions, 3).tolist() == []
-    assert population.performance_buffer(np.zeros((0, 2)), [0, 0], directions, 3).tolist() == []
+    returns = np.array([[1, 0], [0, 1], [-1, 5], [NAN, 1], [np.inf, 1], [1e-9, 1e-9]])
+    zero, one = np.zeros(2), np.ones(2)
+    assert population.performance_buffer(returns, zero, directions, 3).tolist() == [5]
+    assert population.performance_buffer(returns, one, directions, 3).tolist() == []
+    assert population.performance_buffer(returns[:0], zero, directions, 3).tolist() == []
 
 
 def test_candidates_of_two_objectives_are_evenly_spaced_in_angle():
-    weights, valid = population.candidate_weights([[0.5, 0.5], [3, 0], [0, 1]], 7)
+    weights, valid = population.candidate_weights(np.array([[0.5, 0.5], [3, 0], [0, 1]]), 7)
     assert weights.shape == (3, 7, 2)
     assert (weights >= 0).all()
     assert weights.sum(-1) == pytest.approx(np.ones((3, 7)))
@@ -253,7 +254,7 @@ def test_the_archive_keeps_what_none_dominates_and_thins_it_evenly():
 
     assert nearest(kept) > 5 * nearest(everything)
     assert population.pareto_archive(np.zeros((0, 2)), 3).tolist() == []
-    assert population.pareto_archive([[NAN, 1.0]], 3).tolist() == []
+    assert population.pareto_archive(np.array([[NAN, 1.0]]), 3).tolist() == []
 
 
 TINY: dict[str, Any] = {

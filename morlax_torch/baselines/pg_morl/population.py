@@ -5,7 +5,7 @@ authors' code has constants in units of their rewards, objectives are scaled by 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ...evaluation.pareto import hypervolume, non_dominated, sparsity
@@ -57,9 +57,7 @@ def unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def performance_buffer(
-    returns: ArrayLike, reference: ArrayLike, directions: ArrayLike, size: int
-) -> Indices:
+def performance_buffer(returns: Array, reference: Array, directions: Array, size: int) -> Indices:
     """Return the indices (k,) of the policies that stay in the population.
 
     Each policy, with returns (n, m), falls into the bin whose direction (B, m) is nearest in angle,
@@ -67,18 +65,18 @@ def performance_buffer(
     Policies that do not exceed it in every objective are dropped. Indices are sorted by bin, then
     from far to near. Each objective is divided by its largest excess over the reference point.
     """
-    excess = np.asarray(returns, np.float64) - np.asarray(reference, np.float64)
+    excess = returns - reference
     kept = np.flatnonzero(exceeding(excess))
     if not len(kept):
         return kept
     excess = excess[kept] / excess[kept].max(0)
-    bins = (excess @ np.asarray(directions, np.float64).T).argmax(1)
+    bins = (excess @ directions.T).argmax(1)
     order = np.lexsort((-np.linalg.norm(excess, axis=1), bins))
     ranks = np.arange(len(order)) - np.searchsorted(bins[order], bins[order])
     return kept[order[ranks < size]]
 
 
-def pareto_archive(returns: ArrayLike, most: int) -> Indices:
+def pareto_archive(returns: Array, most: int) -> Indices:
     """Return the indices (k,) of the policies that stay in the external Pareto archive, sorted.
 
     Those are all with returns (n, m) that none dominates. Of more than `most`, the most crowded are
@@ -86,12 +84,11 @@ def pareto_archive(returns: ArrayLike, most: int) -> Indices:
     second distance, and so on (as SPEA2 truncates its archive; Zitzler et al., 2001). Distances are
     relative to the range of each objective.
     """
-    points = np.asarray(returns, np.float64)
-    kept = np.flatnonzero(non_dominated(points))
+    kept = np.flatnonzero(non_dominated(returns))
     if len(kept) <= most:
         return kept
-    extent = np.ptp(points[kept], axis=0)
-    scaled = points[kept] / np.where(extent > 0, extent, 1)
+    extent = np.ptp(returns[kept], axis=0)
+    scaled = returns[kept] / np.where(extent > 0, extent, 1)
     distances = np.linalg.norm(scaled[:, None] - scaled, axis=-1)
     while len(kept) > most:
         nearest = np.sort(distances, axis=1)
@@ -106,7 +103,7 @@ def exceeding(excess: Array) -> Mask:
     return np.all(np.isfinite(excess) & (excess > 0), axis=1)
 
 
-def candidate_weights(current: ArrayLike, number: int) -> tuple[Array, Mask]:
+def candidate_weights(current: Array, number: int) -> tuple[Array, Mask]:
     """Return trade-offs (p, number, m) near the current ones (p, m), and a mask (p, number).
 
     Candidates lie within 45 degrees of the trade-off that a policy was last trained with, and sum
@@ -114,7 +111,7 @@ def candidate_weights(current: ArrayLike, number: int) -> tuple[Array, Mask]:
     spaced in angle, and those with a negative weight are masked. With more, the first candidate is
     the current trade-off, and the others are even directions turned towards it.
     """
-    current = unit(np.asarray(current, np.float64))
+    current = unit(current)
     if current.shape[1] == 2:
         steps = np.arange(number) - (number - 1) / 2
         offsets = steps * (2 * CANDIDATE_ANGLE / max(number - 1, 1))
@@ -145,7 +142,7 @@ def turned_towards(centers: Array, others: Array) -> Array:
 
 
 def select(
-    archive: ArrayLike, predicted: ArrayLike, number: int, reference: ArrayLike, alpha: float
+    archive: Array, predicted: Array, number: int, reference: Array, alpha: float
 ) -> Indices:
     """Return the indices (number,) of the candidates to train, in the order of their selection.
 
@@ -160,10 +157,9 @@ def select(
     add hypervolume come first. Predictions that are not finite are not selected. If there are fewer
     than `number` others, all are returned.
     """
-    reference = np.asarray(reference, np.float64)
-    front = np.asarray(archive, np.float64) - reference
+    front = archive - reference
     front = front[exceeding(front)]
-    points = np.asarray(predicted, np.float64) - reference
+    points = predicted - reference
     finite = np.flatnonzero(np.isfinite(points).all(1))
     if not len(finite):
         return finite
@@ -231,11 +227,11 @@ def gained(points: Array, front: Array) -> Array:
 
 
 def predict(
-    before: ArrayLike,  # returns (h, m) at the start of each stretch of training so far
-    weights: ArrayLike,  # trade-offs (h, m) of the stretches
-    change: ArrayLike,  # changes (h, m) of the returns in the stretches
-    points: ArrayLike,  # current returns (p, m) of the policies
-    candidates: ArrayLike,  # trade-offs (p, c, m)
+    before: Array,  # returns (h, m) at the start of each stretch of training so far
+    weights: Array,  # trade-offs (h, m) of the stretches
+    change: Array,  # changes (h, m) of the returns in the stretches
+    points: Array,  # current returns (p, m) of the policies
+    candidates: Array,  # trade-offs (p, c, m)
 ) -> Array:
     """Predict the returns (p, c, m) of p policies after training with c candidate trade-offs each.
 
@@ -247,9 +243,6 @@ def predict(
     of their changes without outliers. The model only rises: more weight never means less
     improvement. Stretches that are not finite are ignored. Without history, no change is predicted.
     """
-    before, weights, change, points, candidates = (
-        np.asarray(array, np.float64) for array in (before, weights, change, points, candidates)
-    )
     finite = np.isfinite(before).all(1) & np.isfinite(change).all(1)
     before, weights, change = before[finite], weights[finite], change[finite]
     predicted = points[:, None] + np.zeros_like(candidates)
