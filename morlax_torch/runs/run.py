@@ -184,14 +184,10 @@ class Run:
         repeats = not evaluated and learner.iteration in (0, *dropped)
         self._purge_step = learner.env_steps + (0 if repeats else 1)
         if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
-            fronts = {}  # of the checkpoint's policies
-            for name in ("latest.pt", "best.pt"):
-                with suppress(MorlaxError):  # it is missing or damaged
-                    front = Front.load(checkpoint.front_path(self.checkpoints / name))
-                    if front.fingerprint == checkpoint.fingerprint(contents.agent):
-                        fronts[name] = front
-            if list(fronts) == ["latest.pt"]:
-                self._save_best(fronts["latest.pt"])
+            with suppress(MorlaxError):  # the front is missing or damaged
+                front = Front.load(checkpoint.front_path(self.checkpoints / "latest.pt"))
+                if front.fingerprint == checkpoint.fingerprint(contents.agent):
+                    self._save_best(front)  # again, unless the program was killed before
         write_record(learner.config, self.folder)
         copy_files(learner.config, self.folder)
         if not machines or machines[-1] != machine:
