@@ -76,7 +76,7 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
         from .bridges.mjlab.robot import robot_of
 
         robot = robot_of(name)
-        options = validated(robot.Options, task_options)
+        options: Any = validated(robot.Options, task_options)
         return robot(options, 1, torch.device("cpu"), seed, auto_reset=False)
     if not has_robot(name):
         raise MorlaxError(
