@@ -5,13 +5,14 @@ import reprlib
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 LONGEST = 200  # characters of a user's value in a message
 MOST_FINDINGS = 5  # mistakes listed in one message
 
+M = TypeVar("M", bound=BaseModel)
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = LONGEST
 _SHORT.maxlevel = 3
@@ -73,6 +74,14 @@ def user_code(sentence: str, file: str | None = None) -> Iterator[None]:
         raise
     except (Exception, SystemExit) as error:
         raise MorlaxError(f"{sentence}: {located(error, file)}") from error
+
+
+def validated(model: type[M], values: Any, source: str = "", context: object = None) -> M:
+    """Return values as a model, or raise MorlaxError that begins with their `source`."""
+    try:
+        return model.model_validate(values, context=context)
+    except ValidationError as error:
+        raise MorlaxError(f"{source}{explained(error, model)}") from None
 
 
 def explained(error: ValidationError, model: type[BaseModel]) -> MorlaxError:

@@ -4,10 +4,9 @@ from numbers import Integral
 from typing import Any
 
 import torch
-from pydantic import ValidationError
 
 from .devices import resolve_device
-from .errors import MorlaxError, explained, shortened, unknown
+from .errors import MorlaxError, shortened, unknown, validated
 from .naming import MJLAB
 from .registry import get
 from .worlds.environment import Environment
@@ -45,7 +44,7 @@ def make(
         MorlaxError: an unknown name, option or backend, a number out of range, or a missing device.
     """
     task = get(name)
-    options, chosen = _checked(task, task_options), resolve_device(device)
+    options, chosen = validated(task.Options, task_options), resolve_device(device)
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
     check_seed(seed)
@@ -77,7 +76,8 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
         from .bridges.mjlab.robot import robot_of
 
         robot = robot_of(name)
-        return robot(_checked(robot, task_options), 1, torch.device("cpu"), seed, auto_reset=False)
+        options: Any = validated(robot.Options, task_options)
+        return robot(options, 1, torch.device("cpu"), seed, auto_reset=False)
     if not has_robot(name):
         raise MorlaxError(
             f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "
@@ -86,10 +86,3 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
     env = make(name, 1, "cpu", "mujoco", seed, auto_reset=False, **task_options)
     assert isinstance(env, Environment)
     return env
-
-
-def _checked(task: type[Worlds], values: dict[str, Any]) -> Any:
-    try:
-        return task.Options.model_validate(values)
-    except ValidationError as error:
-        raise explained(error, task.Options) from None

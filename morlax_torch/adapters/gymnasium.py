@@ -330,8 +330,7 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         device, backend: as for `envs.make`.
         render_mode: "rgb_array" for images from `render`, or None.
         max_episode_steps: Gymnasium's name for the option `episode_length`.
-        model_seed: random seed of what resets leave: randomized models, and the states among which
-            noisy starts are drawn; None picks one at random.
+        model_seed: as for `GymnasiumEnv`; None picks one at random.
 
     Raises:
         MorlaxError: an unknown option or render mode, a missing device, an invalid trade-off, or
@@ -376,9 +375,8 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
     ) -> tuple[Tensor, dict[str, Any]]:
         """Reset every world; returns the observation (N, O) and an empty info.
 
-        `seed` is the random seed of the worlds from here on. Without one, the first reset picks a
-        random seed and later resets continue its random draws. N seeds together make one seed for
-        all worlds, so the draws of each world depend on all of them. `options` must be empty.
+        Arguments are those of `GymnasiumEnv.reset`. N seeds together make one seed for all worlds,
+        so the draws of each world depend on all of them.
         """
         if isinstance(seed, Sequence | np.ndarray):
             seed = _one_seed(seed, self.num_envs)

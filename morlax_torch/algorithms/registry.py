@@ -1,11 +1,11 @@
 """The learners by name; those of `morlax_torch.baselines` are imported when asked for."""
 
 from collections.abc import Callable
+from pkgutil import resolve_name
 
 from torch import nn
 
 from ..configuration.config import Config
-from ..configuration.sections import baseline
 from ..envs import MorlaxError, Worlds
 from ..gpu.group import ALONE, Group
 from .hyper_sac import HyperSAC
@@ -19,6 +19,7 @@ LEARNERS: dict[str, Callable[..., Learner]] = {
     "hyper-morl": HyperMORL,
     "independent": IndependentPPO,
 }
+BASELINES = {"pg-morl": "morlax_torch.baselines.pg_morl.learner:PGMORL"}
 
 
 def make_learner(
@@ -32,6 +33,5 @@ def make_learner(
     """Make the learner of the config's algorithm; `MORLAX` explains the arguments and errors."""
     if config.algorithm == "rsl-rl":
         raise MorlaxError("algorithm rsl-rl trains in rsl_rl's own runner (docs/rsl-rl.md).")
-    module = baseline(config.algorithm, "learner")
-    make = module.LEARNER if module else LEARNERS[config.algorithm]
+    make = LEARNERS.get(config.algorithm) or resolve_name(BASELINES[config.algorithm])
     return make(env, config, actor=actor, critic=critic, group=group)

@@ -1,6 +1,5 @@
 """Choose a trade-off by what its policy must reach."""
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -53,12 +52,12 @@ def command(arguments: Sequence[str]) -> None:
         from ..evaluation.requirements import shown
         from ..runs import loading
         from ..runs.choosing import Chooser
-        from ..runs.loading import find_checkpoint, load, load_front
 
         if options.bookmark is not None:
             loading.check_bookmark(options.run, options.bookmark)
-        policy = load(options.run, options.device, trust=options.trust, env=options.env)
-        chooser = Chooser(policy, load_front(options.run), options.seeds, options.seed)
+        policy = loading.load(options.run, options.device, trust=options.trust, env=options.env)
+        front = loading.load_front(options.run)
+        chooser = Chooser(policy, front, options.seeds, options.seed)
         choice = chooser.choose(least, options.maximize, most, options.margin)
     _show(choice)
     weights = shown(choice.tradeoff)
@@ -67,12 +66,12 @@ def command(arguments: Sequence[str]) -> None:
     if options.bookmark is not None:
         file = loading.bookmark(options.run, options.bookmark, choice.tradeoff)
         cli.console.print(f"written: {file}", soft_wrap=True)
-        weights = shlex.quote(f"@{options.bookmark}")
-    cli.console.print(f"checkpoint: {find_checkpoint(options.run)}", soft_wrap=True)
+        weights = f"@{options.bookmark}"
+    cli.console.print(f"checkpoint: {loading.find_checkpoint(options.run)}", soft_wrap=True)
     commands = {"to evaluate the run": options.use("evaluate")}
     if has_robot(policy.config.env):
         commands = {
-            "to export the policy": options.use("export", f" --tradeoff {weights}"),
+            "to export the policy": options.use("export", "--tradeoff", weights),
             "to see the robot": options.use("explore"),
         }
     if options.card is not None:
@@ -89,12 +88,12 @@ def command(arguments: Sequence[str]) -> None:
 
 def _show(choice: "Choice") -> None:
     """Print promised and simulated, or evaluated values, margins and the cost."""
-    from rich.table import Table  # takes a while to import
+    from rich.table import Column, Table  # takes a while to import
 
-    required, table = choice.required, Table(box=None)
+    required = choice.required
     kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
-    for column in ("value", *kinds, "required", "margin"):
-        table.add_column(column, justify="left" if column == "value" else "right")
+    numbers = (Column(head, justify="right") for head in (*kinds, "required", "margin"))
+    table = Table("value", *numbers, box=None)
     for name, promised, *cells in choice.rows(".5g"):
         table.add_row(name, *([promised] if choice.simulated else []), *cells)
     cli.console.print(table)

@@ -1,6 +1,5 @@
 """Find the body of a robot, and the trade-off, that serve best."""
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +10,7 @@ from ..envs import MorlaxError
 from ..host.files import make_folder
 from .terminal import cli
 from .terminal.arguments import Device, Limits, OfRun, arg, parse
-from .terminal.process import program
+from .terminal.process import typed
 
 FILES = "designs.csv", "designs.png", "designs.pdf", "body.xml", "body.pt"
 
@@ -84,8 +83,8 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(line)
     designer.write(folder, simulated, default, best)
     cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)
-    body = shlex.quote(str(folder / "body.pt")) + (" --trust" if options.trust else "")
-    cli.print_command("to see the robot", f"{program('explore')} {body}")
+    trust = ["--trust"] * options.trust
+    cli.print_command("to see the robot", typed("explore", folder / "body.pt", *trust))
 
 
 def _show(designer: "Designer", parts: "Sequence[Simulated]", best: float) -> None:

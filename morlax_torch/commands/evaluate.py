@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,15 +77,11 @@ def _portrait(policy: "Policy") -> bytes | None:
     """Return a picture of the robot under equal weights, if it can be drawn here."""
     phase("drawing the robot")
     try:
-        from PIL import Image
-
-        from ..viewers.filming.recording import Film
+        from ..viewers.filming.recording import Film, png
 
         equal = [1.0] * len(policy.objectives)
         film = Film(copy.deepcopy(policy).cpu(), [equal], width=640, height=400)
         *_, last = film.frames(PORTRAIT_SECONDS, film.steps(PORTRAIT_SECONDS))
     except (ImportError, MorlaxError):  # an extra, OpenGL or a MuJoCo robot is missing
         return None
-    drawn = BytesIO()
-    Image.fromarray(last).save(drawn, format="PNG")
-    return drawn.getvalue()
+    return png(last)

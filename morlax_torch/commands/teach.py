@@ -7,16 +7,13 @@ from typing import Annotated
 from pydantic import NonNegativeInt
 
 from .terminal import cli
-from .terminal.arguments import Positional, Served, Trusting, arg, parse
+from .terminal.arguments import OfRun, Positional, Served, arg, parse
 from .terminal.process import typed
 
 
-class Teach(Trusting, Served):
-    """Learn a reward from comparisons of a run's clips, and write a config to train with it."""
+class Teach(OfRun, Served):
+    """Learn a reward from comparisons of a MuJoCo robot's clips, and write a config with it."""
 
-    run: Annotated[str, Positional, arg(metavar="RUN")]
-    """Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped policy, of a
-    MuJoCo robot."""
     folder: Annotated[Path, Positional, arg(metavar="FOLDER")]
     """Folder of the comparisons; an earlier one continues with its answers."""
     objective: Annotated[str, arg(metavar="NAME")]

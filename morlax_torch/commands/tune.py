@@ -2,7 +2,6 @@
 
 import math
 import os
-import shlex
 import subprocess
 import sys
 import time
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, PositiveFloat
 
-from ..configuration.config import Config, flat
+from ..configuration.config import Config
 from ..configuration.sections import Indicator
 from ..envs import MorlaxError
 from ..envs.naming import title
@@ -20,11 +19,9 @@ from ..envs.worlds.options import Count
 from ..host.torchrun import SEVERAL
 from .terminal.arguments import Start, begin, placed, values_over
 from .terminal.cli import Live, console, print_command
-from .terminal.process import Interruption, interruptible, program
+from .terminal.process import Interruption, interruptible, typed
 
 if TYPE_CHECKING:
-    from optuna.trial import FrozenTrial
-
     from ..tuning.study import Search
 
 PARENT = "MORLAX_TUNE_PARENT"  # set in workers: the process that waits for them
@@ -66,8 +63,8 @@ class Tune(Start):
 def read(arguments: Sequence[str]) -> tuple[Config, Tune, bool]:
     """Read the config of the file or task that is named, options, and whether one GPU is named."""
     options, others = begin(Tune, arguments)
-    typed = " ".join(others).replace("_", "-")
-    if any(f"--{name}" in typed for name in OURS):
+    line = " ".join(others).replace("_", "-")
+    if any(f"--{name}" in line for name in OURS):
         raise MorlaxError(f"the search sets {', '.join(OURS)} itself: use --seconds instead.")
     values = values_over(options, others) | {"max_seconds": options.seconds}
     return placed(values), options, ":" in str(values["device"])
@@ -98,13 +95,12 @@ def command(arguments: Sequence[str]) -> None:
             f"{len(search.finished())} of them done; {len(gpus)} x {config.device}"
         )
         console.print(f"study {search.study.study_name} in {search.storage}")
-        names = "  ".join(f"{name[:11]:>11}" for name in options.indicators)
-        console.print(f"trial  state     {names}  ratio  changed options")
+        console.print(search.heads())
         if len(gpus) > 1:
             _run_workers(arguments, gpus, search, interrupted)
         else:
             with Live():
-                search.run(options.trials, stopped, lambda trial: _print_trial(search, trial))
+                search.run(options.trials, stopped, lambda trial: console.print(search.line(trial)))
         _print_end(search, options.trials, arguments)
     if interrupted():
         interrupted.exit()
@@ -146,7 +142,7 @@ def _run_workers(
                 for trial in search.finished():
                     if trial.number not in printed:
                         printed.add(trial.number)
-                        _print_trial(search, trial)
+                        console.print(search.line(trial))
         for worker in workers:
             worker.terminate()
         for worker in workers:
@@ -158,39 +154,19 @@ def _run_workers(
         raise MorlaxError(f"all {len(workers)} workers ended early: see the lines above.")
 
 
-def _print_trial(search: "Search", trial: "FrozenTrial") -> None:
-    from ..tuning.study import state_of
-
-    text, measured = trial.user_attrs.get("reason", ""), trial.user_attrs.get("measured")
-    if measured and not text:
-        bases = (each.user_attrs for each in search.ranked() if each.user_attrs.get("base"))
-        volume = next((base["measured"][search.main] for base in bases), 0.0)
-        ratio = f"{measured[search.main] / volume:.2f}" if volume > 0 else "-"
-        usual = flat(search.base.model_dump(mode="json"))
-        changed = [
-            f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
-            for name, value in trial.user_attrs["options"].items()
-            if value != usual.get(name)
-        ]
-        values = "  ".join(f"{measured[name]:11.4e}" for name in search.indicators)
-        text = f"{values}  {ratio:>5}  {' '.join(changed) or 'the base config'}"
-    console.print(f"{trial.number:5d}  {state_of(trial):8}  {text}")
-
-
 def _print_end(search: "Search", trials: int, arguments: Sequence[str]) -> None:
     """Print the best trials and the next command, or raise MorlaxError if all have failed."""
     finished, ranked = search.finished(), search.ranked()
     console.print(f"{len(finished)} of {trials} trials done; the best:")
     for trial in ranked[:BEST]:
-        _print_trial(search, trial)
+        console.print(search.line(trial))
     if shares := search.importances():
         listed = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
         console.print(f"how much options decide whether a trial is among the best: {listed}")
     if len(finished) < trials:
-        print_command("continue", f"{program('tune')} {shlex.join(arguments)}")
+        print_command("continue", typed("tune", *arguments))
     if ranked:
-        best = shlex.quote(str(search.folder / "best.yaml"))
-        print_command("next", f"{program('train')} --config {best}")
+        print_command("next", typed("train", "--config", search.folder / "best.yaml"))
     elif finished:
         last = finished[-1].user_attrs.get("reason")
         raise MorlaxError(f"no trial is complete, the last one because: {last}")

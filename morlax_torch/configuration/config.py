@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import pydantic
-from pydantic import Field, PositiveFloat, ValidationError, ValidationInfo
+from pydantic import Field, PositiveFloat, ValidationInfo
 
 from .. import envs
 from ..envs import MorlaxError, ObjectiveOptions
-from ..envs.errors import explained, shortened, unknown
+from ..envs.errors import shortened, unknown, validated
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..host.phases import phase
@@ -221,7 +221,12 @@ class Config(Section):
                 "least one above zero, and then a share of training up to 1"
             )
         self.task.check_seeds(self.evaluation.seeds)
-        self.method.check(K)
+        if isinstance(self.method, HyperSACOptions) and self.method.batch % K:
+            batch = self.method.batch
+            raise ValueError(
+                f"method.batch ({batch}) must be a multiple of {K} (sampling.clusters): "
+                f"try --method.batch {max(1, batch // K) * K}"
+            )
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
         if not self.off_policy and dealt % self.ppo.minibatches:
             raise ValueError(
@@ -252,11 +257,7 @@ def load_config(values: dict[str, Any], context: str | None = None) -> Config:
     """
     if not isinstance(values.get("env"), str):
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")
-    model = config_class(values["env"], algorithm_of(values))
-    try:
-        return model.model_validate(values, context=context)
-    except ValidationError as error:
-        raise explained(error, model) from None
+    return validated(config_class(values["env"], algorithm_of(values)), values, context=context)
 
 
 def config_for(env: str, **changes: Any) -> Config:
@@ -280,14 +281,19 @@ def config_for(env: str, **changes: Any) -> Config:
     return load_config(over_task_values(env, values, device_type))
 
 
-def differences(one: Config, other: Config) -> list[str]:
-    """Say which values of `other` a resumed run may not change: "ppo.clip: 0.3 instead of 0.2"."""
+def check_resumable(one: Config, other: Config, mistake: str, remedy: str) -> None:
+    """Raise MorlaxError if a resumed run may not change from one config to the other."""
     values, others = flat(one.model_dump(mode="json")), flat(other.model_dump(mode="json"))
-    return [
+    changes = [
         f"{key}: {others.get(key)} instead of {values.get(key)}"
         for key in {**values, **others}
         if key.split(".")[0] not in MAY_CHANGE and values.get(key) != others.get(key)
     ]
+    if changes:
+        raise MorlaxError(
+            f"{mistake} ({'; '.join(changes)}): {remedy}. A resumed run may change only "
+            f"{', '.join(MAY_CHANGE)}."
+        )
 
 
 def changed(values: dict[str, Any]) -> set[str]:

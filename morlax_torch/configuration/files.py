@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from .. import envs
 from ..envs import MorlaxError
-from ..envs.errors import explained
+from ..envs.errors import line, validated
 from ..envs.naming import is_file
 from ..host.files import AnyPath, read, write_file
 from ..host.torchrun import PROCESSES
@@ -101,8 +101,7 @@ def read_yaml(path: AnyPath, what: str = "config", such_as: str = "env: ant") ->
     try:
         values = yaml.load(read(path, what), _UniqueKeys)
     except (yaml.YAMLError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise MorlaxError(f"the {what} {path} is not valid YAML: {reason}") from None
+        raise MorlaxError(f"the {what} {path} is not valid YAML: {line(error)}") from None
     except RecursionError:
         raise MorlaxError(f"the {what} {path} is nested too deeply.") from None
     if not isinstance(values, dict):
@@ -139,10 +138,7 @@ class _Devices(BaseModel):
 
 def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
     """Apply the section `cpu` without a GPU, and the changes in `gpus` for this number of GPUs."""
-    try:
-        devices = _Devices.model_validate(values)
-    except ValidationError as error:
-        raise explained(error, _Devices) from None
+    devices = validated(_Devices, values)
     values = {name: value for name, value in values.items() if name not in _Devices.model_fields}
     if device_type == "cpu":
         return merged(values, devices.cpu or {})

@@ -1,9 +1,7 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from importlib import import_module
-from types import ModuleType
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
@@ -138,29 +136,18 @@ class EvaluationConfig(Section):
     """Number of bodies to evaluate with, if sampling.designs is not 0: that of task.design, and
     others that training may not have seen. Indicators are means over them."""
 
-    def measures_like(self, other: Self) -> bool:
-        """Return whether hypervolumes can be compared with those of another config."""
-        mine, theirs = ((e.protocol, e.tradeoffs, e.seeds, e.designs) for e in (self, other))
-        return mine == theirs
-
 
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
 
     weighted_sums: ClassVar[bool] = False  # whether it knows no other scalarization
     warms_up: ClassVar[bool] = False  # for a share of the run, which must have an end
+    agent: ClassVar[str] = "morlax_torch.networks.agent:Agent"  # imported when one is made
 
     @property
     def num_networks(self) -> int:
         """R of the algorithm's own number of independent networks; 0: as `sampling` says."""
         return 0
-
-    def check(self, clusters: int) -> None:
-        """Raise ValueError unless the options fit a run with so many trade-offs at a time."""
-
-    def agent_class(self) -> Any:
-        """Return the class of the algorithm's own kind of `Agent`, which imports torch, or None."""
-        return None
 
 
 class HyperMORLOptions(MethodOptions):
@@ -173,11 +160,29 @@ class HyperMORLOptions(MethodOptions):
 class RslRlOptions(MethodOptions):
     """What the networks of `ParetoPPO` have that others have not."""
 
+    agent: ClassVar[str] = "morlax_torch.networks.unbounded:RslRlAgent"
     activation: Annotated[str, Field(pattern=r"^\w+$")] = "ELU"
     """Class of torch.nn of the actors' activations."""
 
-    def agent_class(self) -> Any:
-        return import_module("morlax_torch.networks.unbounded").RslRlAgent
+
+class PGMORLOptions(MethodOptions):
+    """PG-MORL has no options, but constants."""
+
+    weighted_sums: ClassVar[bool] = True
+    agent: ClassVar[str] = "morlax_torch.baselines.pg_morl.agent:PopulationAgent"
+    generation: ClassVar[int | None] = None
+    # iterations between two selections of what to train (None: at least 20, and so many that
+    # measuring the policies takes at most about 8 % of the time)
+    warmup: ClassVar[int] = 80  # iterations in which policies keep trade-offs of an even grid
+    bins: ClassVar[int] = 100  # directions of the objective space in which policies are kept
+    bin_size: ClassVar[int] = 2  # policies kept per direction
+    candidates: ClassVar[int] = 7  # trade-offs considered for each of the kept policies
+    sparsity: ClassVar[float] = 1.0  # weight of the front's sparsity, beside its hypervolume
+
+    @property
+    def num_networks(self) -> int:
+        """R, the size of the archive."""
+        return self.bins * self.bin_size
 
 
 class HyperSACOptions(MethodOptions):
@@ -204,32 +209,16 @@ class HyperSACOptions(MethodOptions):
     """Mean time in seconds for which a world explores with the same noise, where control steps are
     shorter."""
 
-    def check(self, clusters: int) -> None:
-        if self.batch % clusters:
-            raise ValueError(
-                f"method.batch ({self.batch}) must be a multiple of {clusters} "
-                "(sampling.clusters): try --method.batch "
-                f"{max(1, self.batch // clusters) * clusters}"
-            )
-
 
 OPTIONS = {
     "hyper-sac": HyperSACOptions,
     "hyper-morl": HyperMORLOptions,
+    "pg-morl": PGMORLOptions,
     "rsl-rl": RslRlOptions,
 }
-BASELINES = ("pg-morl",)  # packages of `morlax_torch.baselines`
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
-
-
-def baseline(algorithm: str, module: str) -> ModuleType | None:
-    """Import a module of `morlax_torch.baselines` by the algorithm's name; None of others."""
-    if algorithm not in BASELINES:
-        return None
-    return import_module(f"morlax_torch.baselines.{algorithm.replace('-', '_')}.{module}")
 
 
 def options_class(algorithm: str) -> type[MethodOptions]:
     """Return the class of an algorithm's options."""
-    module = baseline(algorithm, "options")
-    return module.OPTIONS if module else OPTIONS.get(algorithm, MethodOptions)
+    return OPTIONS.get(algorithm, MethodOptions)

@@ -6,25 +6,21 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+
+import torch
 
 LIMITS = {  # limit, use, and how much of it is cache, in control groups of version 2 and 1
     "": ("memory.max", "memory.current", "inactive_file"),
     "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 }
 
-if TYPE_CHECKING:
-    import torch  # which takes seconds; commands import this module before it
-
 
 @contextmanager
-def one_thread(device: "torch.device") -> Iterator[None]:
+def one_thread(device: torch.device) -> Iterator[None]:
     """Limit torch to one thread on the CPU, so that its others leave the cores to physics."""
     if device.type != "cpu":
         yield
         return
-    import torch
-
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -40,8 +36,6 @@ def shortage_of_memory(error: BaseException) -> str | None:
     told = isinstance(error, RuntimeError) and any(word in str(error) for word in words)
     if not told and not isinstance(error, MemoryError):
         return None
-    import torch  # it, or what it computes with, is what failed
-
     full = "the memory is full"
     if torch.cuda.is_available():
         free, total = (size / 2**30 for size in torch.cuda.mem_get_info())
@@ -49,10 +43,8 @@ def shortage_of_memory(error: BaseException) -> str | None:
     return f"{full}: use fewer --worlds or --tradeoffs, or free memory that other programs hold."
 
 
-def memory_of(device: "torch.device", root: Path = Path("/")) -> int:
+def memory_of(device: torch.device, root: Path = Path("/")) -> int:
     """Return the bytes that are free on a GPU, or that this process's container leaves the CPU."""
-    import torch
-
     if device.type == "cuda":
         return torch.cuda.mem_get_info(device)[0]
     if not hasattr(os, "sysconf"):  # Windows
@@ -67,8 +59,6 @@ def _left_by_limits(root: Path) -> Iterator[int]:
     for line in groups.read_text().splitlines() if groups.exists() else ():
         _, controllers, path = line.split(":", 2)
         folder = "memory" if "memory" in controllers.split(",") else ""
-        if controllers and not folder:
-            continue
         limit, used, cached = LIMITS[folder]
         inside = PurePosixPath(path.lstrip("/"))
         for group in (inside, *inside.parents):  # limits of parents hold too
@@ -84,8 +74,6 @@ def _left_by_limits(root: Path) -> Iterator[int]:
 
 def release_memory() -> None:
     """Free the memory of learners that are no longer referenced: worlds, graphs and networks."""
-    import torch
-
     gc.collect()  # a learner refers to itself
     if torch.cuda.is_available():
         torch.cuda.empty_cache()

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Mapping
 from functools import partial
+from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -259,4 +260,4 @@ class Agent(nn.Module):
 
 def agent_class(config: Config) -> type[Agent]:
     """Return the class of a config's agents: an algorithm may have agents of its own kind."""
-    return config.method.agent_class() or Agent
+    return resolve_name(config.method.agent)

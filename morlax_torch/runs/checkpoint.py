@@ -9,22 +9,15 @@ from pathlib import Path
 from typing import IO, Annotated, Any, Self
 
 import torch
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    NonNegativeInt,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, field_validator, model_validator
 from torch import Tensor
+from torch.utils._pytree import tree_map_only
 
 from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
-from ..envs.errors import LONGEST, explained, shortened
+from ..envs.errors import LONGEST, line, shortened, validated
 from ..envs.naming import movable
 from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import check_objectives
@@ -94,7 +87,7 @@ class Contents(BaseModel):
 
 def snapshot(learner: Learner) -> dict[str, Any]:
     """Copy the whole state of a learner to the CPU; all processes of its group must call it."""
-    group, state = learner.group, _on_cpu(learner.state_dict())
+    group, state = learner.group, tree_map_only(Tensor, Tensor.cpu, learner.state_dict())
     if group.size > 1:
         _, *state["processes"] = group.gather({name: state[name] for name in learner.per_process})
     return {
@@ -103,14 +96,6 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "own_networks": learner.agent.own_networks(),
         "learner": state,
     }
-
-
-def _on_cpu(state: Any) -> Any:
-    if isinstance(state, dict):
-        return {name: _on_cpu(value) for name, value in state.items()}
-    if isinstance(state, list | tuple):
-        return type(state)(map(_on_cpu, state))
-    return state.cpu() if isinstance(state, Tensor) else state
 
 
 def write(path: AnyPath, contents: dict[str, Any], progress: Progress | None = None) -> None:
@@ -139,12 +124,7 @@ def load(path: Path) -> Contents:
             f"the checkpoint {path} has format {shortened(number)}, but this version of "
             f"morlax_torch reads format {FORMAT}: use the version that wrote it."
         )
-    try:
-        return Contents.model_validate(values)
-    except ValidationError as error:
-        raise MorlaxError(
-            f"the checkpoint {path} is damaged: {explained(error, Contents)}"
-        ) from None
+    return validated(Contents, values, f"the checkpoint {path} is damaged: ")
 
 
 def _check_sums(data: IO[bytes]) -> None:
@@ -226,7 +206,7 @@ def restore(contents: Contents, path: Path, learner: Learner) -> bool:
         check_state(state, current)
         learner.load_state_dict(state)
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:LONGEST]
+        reason = line(error)[:LONGEST]
         raise MorlaxError(f"the state in {path} does not fit this learner: {reason}.") from None
     return changed
 

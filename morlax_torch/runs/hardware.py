@@ -7,22 +7,19 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import torch
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from ..algorithms.learner import Learner
 from ..configuration.files import read_yaml, write_yaml
-from ..envs import MorlaxError
-from ..envs.errors import explained
+from ..envs.errors import validated
 from ..host.files import write_file
 
 FILE = "hardware.yaml"
 CPUS = Path("/proc/cpuinfo")
-PACKAGES = {  # by Worlds.simulator
+PACKAGES = {  # by `Worlds.simulator`; others have the simulator's name
     "C MuJoCo": "mujoco",
     "MuJoCo Warp": "mujoco-warp",
     "MuJoCo Playground": "playground",
-    "gymnasium": "gymnasium",
-    "mjlab": "mjlab",
 }
 
 
@@ -38,8 +35,8 @@ class Machine(BaseModel):
     @classmethod
     def of(cls, learner: Learner) -> "Machine":
         simulator = learner.env.simulator
-        with suppress(KeyError, PackageNotFoundError):  # of a user's own worlds
-            simulator = f"{simulator} {version(PACKAGES[simulator])}"
+        with suppress(PackageNotFoundError, ValueError):  # of a user's own worlds
+            simulator = f"{simulator} {version(PACKAGES.get(simulator, simulator))}"
         return cls(
             device=device_name(learner.env.device),
             processes=learner.group.size,
@@ -65,10 +62,8 @@ def read_machines(folder: Path) -> list[Machine]:
     path = folder / FILE
     if not path.exists():
         return []
-    try:
-        return _Machines.model_validate(read_yaml(path, "record", "machines: []")).machines
-    except ValidationError as error:
-        raise MorlaxError(f"{path} is damaged: {explained(error, _Machines)}") from None
+    values = read_yaml(path, "record", "machines: []")
+    return validated(_Machines, values, f"{path} is damaged: ").machines
 
 
 def write_machines(folder: Path, machines: list[Machine]) -> None:

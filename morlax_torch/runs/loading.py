@@ -15,7 +15,7 @@ from ..configuration.files import write_record
 from ..configuration.sections import Protocol
 from ..configuration.tradeoffs import parse_tradeoff
 from ..envs import MorlaxError, resolve_device
-from ..envs.errors import LONGEST, unknown
+from ..envs.errors import LONGEST, line, unknown
 from ..envs.worlds.options import PLAIN_NAME
 from ..evaluation.evaluator import make_evaluator
 from ..evaluation.front import Front
@@ -138,7 +138,7 @@ def load(
     try:
         agent.load_state_dict(state, strict=complete)
     except RuntimeError as error:
-        reason = " ".join(str(error).split())[:LONGEST]
+        reason = line(error)[:LONGEST]
         raise MorlaxError(f"the networks in {path} do not fit its config: {reason}.") from None
     policy = Policy(agent.to(device), config, task.objectives)
     policy.model_fingerprint = task.model_fingerprint

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
-from ..configuration.config import MAY_CHANGE, Config, changed, differences, flat, load_config
+from ..configuration.config import MAY_CHANGE, Config, changed, check_resumable, flat, load_config
 from ..configuration.files import read_yaml, write_record
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
@@ -125,12 +125,9 @@ class Run:
             edited = load_config(localized(values, self.folder))
         except MorlaxError as error:
             raise MorlaxError(f"{file} does not fit: {error}") from None
-        if changes := differences(stored, edited):
-            raise MorlaxError(
-                f"{file} was edited since the run began ({'; '.join(changes)}): undo that, or "
-                f"start a new run with --config {file}. A resumed run may change only "
-                f"{', '.join(MAY_CHANGE)}."
-            )
+        mistake = f"{file} was edited since the run began"
+        remedy = f"undo that, or start a new run with --config {file}"
+        check_resumable(stored, edited, mistake, remedy)
         return stored.model_copy(update={name: getattr(edited, name) for name in MAY_CHANGE})
 
     def limit_reached(self, config: Config) -> str | None:
@@ -160,7 +157,7 @@ class Run:
         evaluation = learner.config.evaluation
         before = type(evaluation).model_validate(contents.config.get("evaluation", {}))
         # other evaluations have other hypervolumes, so the record of the best one begins anew
-        anew = other_model or not before.measures_like(evaluation)
+        anew = other_model or before.model_copy(update={"every": evaluation.every}) != evaluation
         update = {"best_selection": None, "best_hypervolume": 0.0} if anew else {}
         return contents.progress.model_copy(update=update)
 
@@ -176,7 +173,8 @@ class Run:
 
     def _clear_up(self, learner: Learner, contents: Contents) -> None:
         """Make files agree with a checkpoint: rows and drafts go, best.pt is completed."""
-        evaluated, rows = contents.progress.evaluated, self._read_rows()
+        evaluated = contents.progress.evaluated
+        rows = read_rows(self._metrics) if self._metrics.exists() else []
         machines, machine = read_machines(self.folder), Machine.of(learner)
         last = learner.iteration if evaluated else learner.iteration - 1
         self._rows = [row for row in rows if int(row["iteration"]) <= last]
@@ -186,14 +184,10 @@ class Run:
         repeats = not evaluated and learner.iteration in (0, *dropped)
         self._purge_step = learner.env_steps + (0 if repeats else 1)
         if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
-            fronts = {}  # of the checkpoint's policies
-            for name in ("latest.pt", "best.pt"):
-                with suppress(MorlaxError):  # it is missing or damaged
-                    front = Front.load(checkpoint.front_path(self.checkpoints / name))
-                    if front.fingerprint == checkpoint.fingerprint(contents.agent):
-                        fronts[name] = front
-            if list(fronts) == ["latest.pt"]:
-                self._save_best(fronts["latest.pt"])
+            with suppress(MorlaxError):  # the front is missing or damaged
+                front = Front.load(checkpoint.front_path(self.checkpoints / "latest.pt"))
+                if front.fingerprint == checkpoint.fingerprint(contents.agent):
+                    self._save_best(front)  # again, unless the program was killed before
         write_record(learner.config, self.folder)
         copy_files(learner.config, self.folder)
         if not machines or machines[-1] != machine:
@@ -237,9 +231,6 @@ class Run:
             self._write_events(evaluation, task)
         self._rows.append(evaluation.row())
         self._write_rows()
-
-    def _read_rows(self) -> list[dict[str, str]]:
-        return read_rows(self._metrics) if self._metrics.exists() else []
 
     def _write_rows(self) -> None:
         if not self._rows:

@@ -363,6 +363,28 @@ class Search:
                 config = self.config(best).model_copy(update=where)
                 write_file(self.folder / "best.yaml", comment + write_yaml(config))
 
+    def heads(self) -> str:
+        """Return what stands above the numbers of a `line`."""
+        names = "  ".join(f"{name[:11]:>11}" for name in self.indicators)
+        return f"trial  state     {names}  ratio  changed options"
+
+    def line(self, trial: Trial) -> str:
+        """Return a finished trial as text: its indicators, also beside the base config's."""
+        text, measured = trial.user_attrs.get("reason", ""), trial.user_attrs.get("measured")
+        if measured and not text:
+            bases = (each.user_attrs for each in self.ranked() if each.user_attrs.get("base"))
+            volume = next((base["measured"][self.main] for base in bases), 0.0)
+            ratio = f"{measured[self.main] / volume:.2f}" if volume > 0 else "-"
+            usual = flat(self.base.model_dump(mode="json"))
+            changed = [
+                f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
+                for name, value in trial.user_attrs["options"].items()
+                if value != usual.get(name)
+            ]
+            values = "  ".join(f"{measured[name]:11.4e}" for name in self.indicators)
+            text = f"{values}  {ratio:>5}  {' '.join(changed) or 'the base config'}"
+        return f"{trial.number:5d}  {state_of(trial):8}  {text}"
+
     def importances(self) -> dict[str, float]:
         """Return the share of each option in what makes good trials differ, by PED-ANOVA."""
         if len(self.ranked()) < FEWEST or len(self.indicators) > 1:

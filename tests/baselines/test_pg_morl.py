@@ -9,7 +9,7 @@ import torch
 from morlax_torch import Policy, config_for
 from morlax_torch.algorithms.learner import make_agent
 from morlax_torch.baselines.pg_morl import learner as pg_morl
-from morlax_torch.baselines.pg_morl import population, prediction
+from morlax_torch.baselines.pg_morl import population
 from morlax_torch.baselines.pg_morl.agent import belongings
 from morlax_torch.baselines.pg_morl.learner import PGMORL
 from morlax_torch.configuration.config import Config
@@ -67,14 +67,15 @@ def test_each_bin_keeps_its_policies_farthest_from_the_reference(m, size):
 
 def test_policies_that_do_not_exceed_the_reference_are_dropped():
     directions = population.directions(4, 2)
-    returns = [[1, 0], [0, 1], [-1, 5], [NAN, 1], [np.inf, 1], [1e-9, 1e-9]]
-    assert population.performance_buffer(returns, [0, 0], directions, 3).tolist() == [5]
-    assert population.performance_buffer(returns, [1, 1], directions, 3).tolist() == []
-    assert population.performance_buffer(np.zeros((0, 2)), [0, 0], directions, 3).tolist() == []
+    returns = np.array([[1, 0], [0, 1], [-1, 5], [NAN, 1], [np.inf, 1], [1e-9, 1e-9]])
+    zero, one = np.zeros(2), np.ones(2)
+    assert population.performance_buffer(returns, zero, directions, 3).tolist() == [5]
+    assert population.performance_buffer(returns, one, directions, 3).tolist() == []
+    assert population.performance_buffer(returns[:0], zero, directions, 3).tolist() == []
 
 
 def test_candidates_of_two_objectives_are_evenly_spaced_in_angle():
-    weights, valid = population.candidate_weights([[0.5, 0.5], [3, 0], [0, 1]], 7)
+    weights, valid = population.candidate_weights(np.array([[0.5, 0.5], [3, 0], [0, 1]]), 7)
     assert weights.shape == (3, 7, 2)
     assert (weights >= 0).all()
     assert weights.sum(-1) == pytest.approx(np.ones((3, 7)))
@@ -123,7 +124,7 @@ def history(
 def test_the_model_is_the_one_of_the_paper():
     random = np.random.default_rng(0)
     parameters, x = random.uniform([0, 0.1, -1, -1], [1, 20, 2, 2]), random.random(50)
-    assert prediction.hyperbolic(parameters, x) == pytest.approx(hyperbolic(x, *parameters))
+    assert population.hyperbolic(parameters, x) == pytest.approx(hyperbolic(x, *parameters))
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
@@ -131,7 +132,7 @@ def test_changes_that_follow_the_model_are_predicted(m):
     before, weights, change = history(60, m)
     candidates = np.random.default_rng(1).dirichlet(np.ones(m), (4, 9))
     points = np.random.default_rng(2).uniform(99, 101, (4, m))
-    predicted = prediction.predict(before, weights, change, points, candidates)
+    predicted = population.predict(before, weights, change, points, candidates)
     assert predicted.shape == (4, 9, m)
     for k in range(m):
         expected = hyperbolic(candidates[..., k], 20 + 5 * k, 6 + k, 0.3, 4 - k)
@@ -167,7 +168,7 @@ def test_neighborhoods_equal_a_slow_search(m, kinds):
     _, numbers = np.unique(weights, axis=0, return_inverse=True)
     for point in points:
         expected = slow_neighborhood(before, weights, change, point)
-        near = prediction.neighborhood(np.abs(before - point) / extent, numbers)
+        near = population.neighborhood(np.abs(before - point) / extent, numbers)
         found = dict(zip(near[0].tolist(), near[1], strict=True))
         assert found == pytest.approx(expected)
 
@@ -184,9 +185,9 @@ def test_without_differences_the_same_change_is_predicted_everywhere(m):
         (points[:1] - 1, candidates[0, :1], change[None], 5 + change),
         (np.full((9, m), 4.0), np.full((9, m), 1 / m), np.tile(change, (9, 1)), 5 + change),
     ):
-        predicted = prediction.predict(before, weights, changes, points, candidates)
+        predicted = population.predict(before, weights, changes, points, candidates)
         assert predicted == pytest.approx(np.broadcast_to(expected, (3, 4, m)))
-    none = prediction.predict(points, points, points, np.zeros((0, m)), np.zeros((0, 7, m)))
+    none = population.predict(points, points, points, np.zeros((0, m)), np.zeros((0, 7, m)))
     assert none.shape == (0, 7, m)
 
 
@@ -253,7 +254,7 @@ def test_the_archive_keeps_what_none_dominates_and_thins_it_evenly():
 
     assert nearest(kept) > 5 * nearest(everything)
     assert population.pareto_archive(np.zeros((0, 2)), 3).tolist() == []
-    assert population.pareto_archive([[NAN, 1.0]], 3).tolist() == []
+    assert population.pareto_archive(np.array([[NAN, 1.0]]), 3).tolist() == []
 
 
 TINY: dict[str, Any] = {

@@ -13,6 +13,7 @@ from torch import Tensor
 from ...algorithms.learner import copies, make_agent, restore
 from ...algorithms.trainer import Trainer
 from ...configuration.config import Config
+from ...configuration.sections import PGMORLOptions
 from ...configuration.tradeoffs import even_tradeoffs
 from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator, evaluation_worlds
@@ -20,9 +21,14 @@ from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
 from ...networks.family import Independent
 from .agent import belongings
-from .options import PGMORLOptions
-from .population import candidate_weights, directions, pareto_archive, performance_buffer, select
-from .prediction import predict
+from .population import (
+    candidate_weights,
+    directions,
+    pareto_archive,
+    performance_buffer,
+    predict,
+    select,
+)
 
 REMEMBERED = 4096  # generations of a policy that predictions rest on
 MEASURING = 1  # seed of the episodes that policies are measured in; 0 is that of evaluations
@@ -222,6 +228,3 @@ def _joined(
     rows = torch.from_numpy(kept)
     pairs = zip(tables, added, strict=True)
     return [torch.cat(pair)[rows.to(pair[0].device)] for pair in pairs]
-
-
-LEARNER = PGMORL

@@ -1,11 +1,12 @@
-"""Population and archive of PG-MORL: which policies stay, and which are trained next, with what.
+"""PG-MORL: which policies stay, which are trained next, and how their returns would change.
 
 Xu et al., 2020, sections 3.3 and 3.4. Objectives are maximized and may differ in unit: where the
 authors' code has constants in units of their rewards, objectives are scaled by the returns.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from ...evaluation.pareto import hypervolume, non_dominated, sparsity
 
@@ -15,6 +16,20 @@ Mask = NDArray[np.bool_]
 
 LLOYD_STEPS = 20
 CANDIDATE_ANGLE = np.pi / 4  # radians
+
+# predictions
+REACH = 0.1  # first reach of a neighborhood, relative to the range of the returns
+DEVIATION = 0.3  # standard deviation of the Gaussian, relative to the reach
+DIFFERENT_TRADEOFFS = 4  # as many as the model has parameters
+DECIMALS = 5  # trade-offs that are equal after rounding to so many do not differ
+MOST_NEIGHBORS = 128  # bounds the time of a fit
+TRIMMED = 10  # of so many changes, the least and the greatest are outliers
+
+# Bounds and start of A, a, b and c, for changes scaled to [0, 1] and weights in [0, 1].
+LOWEST = np.array([0.0, 0.1, -5.0, -1.0])
+HIGHEST = np.array([1.0, 20.0, 5.0, 2.0])
+START = np.array([0.5, 5.0, 0.5, 0.5])
+SOFT = 0.1  # scaled residual at which the loss turns from quadratic to linear
 
 
 def directions(number: int, num_objectives: int) -> Array:
@@ -42,9 +57,7 @@ def unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def performance_buffer(
-    returns: ArrayLike, reference: ArrayLike, directions: ArrayLike, size: int
-) -> Indices:
+def performance_buffer(returns: Array, reference: Array, directions: Array, size: int) -> Indices:
     """Return the indices (k,) of the policies that stay in the population.
 
     Each policy, with returns (n, m), falls into the bin whose direction (B, m) is nearest in angle,
@@ -52,18 +65,18 @@ def performance_buffer(
     Policies that do not exceed it in every objective are dropped. Indices are sorted by bin, then
     from far to near. Each objective is divided by its largest excess over the reference point.
     """
-    excess = np.asarray(returns, np.float64) - np.asarray(reference, np.float64)
+    excess = returns - reference
     kept = np.flatnonzero(exceeding(excess))
     if not len(kept):
         return kept
     excess = excess[kept] / excess[kept].max(0)
-    bins = (excess @ np.asarray(directions, np.float64).T).argmax(1)
+    bins = (excess @ directions.T).argmax(1)
     order = np.lexsort((-np.linalg.norm(excess, axis=1), bins))
     ranks = np.arange(len(order)) - np.searchsorted(bins[order], bins[order])
     return kept[order[ranks < size]]
 
 
-def pareto_archive(returns: ArrayLike, most: int) -> Indices:
+def pareto_archive(returns: Array, most: int) -> Indices:
     """Return the indices (k,) of the policies that stay in the external Pareto archive, sorted.
 
     Those are all with returns (n, m) that none dominates. Of more than `most`, the most crowded are
@@ -71,12 +84,11 @@ def pareto_archive(returns: ArrayLike, most: int) -> Indices:
     second distance, and so on (as SPEA2 truncates its archive; Zitzler et al., 2001). Distances are
     relative to the range of each objective.
     """
-    points = np.asarray(returns, np.float64)
-    kept = np.flatnonzero(non_dominated(points))
+    kept = np.flatnonzero(non_dominated(returns))
     if len(kept) <= most:
         return kept
-    extent = np.ptp(points[kept], axis=0)
-    scaled = points[kept] / np.where(extent > 0, extent, 1)
+    extent = np.ptp(returns[kept], axis=0)
+    scaled = returns[kept] / np.where(extent > 0, extent, 1)
     distances = np.linalg.norm(scaled[:, None] - scaled, axis=-1)
     while len(kept) > most:
         nearest = np.sort(distances, axis=1)
@@ -91,7 +103,7 @@ def exceeding(excess: Array) -> Mask:
     return np.all(np.isfinite(excess) & (excess > 0), axis=1)
 
 
-def candidate_weights(current: ArrayLike, number: int) -> tuple[Array, Mask]:
+def candidate_weights(current: Array, number: int) -> tuple[Array, Mask]:
     """Return trade-offs (p, number, m) near the current ones (p, m), and a mask (p, number).
 
     Candidates lie within 45 degrees of the trade-off that a policy was last trained with, and sum
@@ -99,7 +111,7 @@ def candidate_weights(current: ArrayLike, number: int) -> tuple[Array, Mask]:
     spaced in angle, and those with a negative weight are masked. With more, the first candidate is
     the current trade-off, and the others are even directions turned towards it.
     """
-    current = unit(np.asarray(current, np.float64))
+    current = unit(current)
     if current.shape[1] == 2:
         steps = np.arange(number) - (number - 1) / 2
         offsets = steps * (2 * CANDIDATE_ANGLE / max(number - 1, 1))
@@ -130,7 +142,7 @@ def turned_towards(centers: Array, others: Array) -> Array:
 
 
 def select(
-    archive: ArrayLike, predicted: ArrayLike, number: int, reference: ArrayLike, alpha: float
+    archive: Array, predicted: Array, number: int, reference: Array, alpha: float
 ) -> Indices:
     """Return the indices (number,) of the candidates to train, in the order of their selection.
 
@@ -145,10 +157,9 @@ def select(
     add hypervolume come first. Predictions that are not finite are not selected. If there are fewer
     than `number` others, all are returned.
     """
-    reference = np.asarray(reference, np.float64)
-    front = np.asarray(archive, np.float64) - reference
+    front = archive - reference
     front = front[exceeding(front)]
-    points = np.asarray(predicted, np.float64) - reference
+    points = predicted - reference
     finite = np.flatnonzero(np.isfinite(points).all(1))
     if not len(finite):
         return finite
@@ -213,3 +224,90 @@ def gained(points: Array, front: Array) -> Array:
     zero = np.zeros(points.shape[1])
     covered = (hypervolume(np.minimum(front, point), zero) for point in points)
     return points.prod(1) - np.fromiter(covered, np.float64, len(points))
+
+
+def predict(
+    before: Array,  # returns (h, m) at the start of each stretch of training so far
+    weights: Array,  # trade-offs (h, m) of the stretches
+    change: Array,  # changes (h, m) of the returns in the stretches
+    points: Array,  # current returns (p, m) of the policies
+    candidates: Array,  # trade-offs (p, c, m)
+) -> Array:
+    """Predict the returns (p, c, m) of p policies after training with c candidate trade-offs each.
+
+    Each policy and objective has its own model of the change over the weight x of that objective,
+
+        f(x) = A (e^{a(x-b)} - 1) / (e^{a(x-b)} + 1) + c = A tanh(a(x-b) / 2) + c,
+
+    fitted to the stretches that started near the policy (see `neighborhood`), in units of the range
+    of their changes without outliers. The model only rises: more weight never means less
+    improvement. Stretches that are not finite are ignored. Without history, no change is predicted.
+    """
+    finite = np.isfinite(before).all(1) & np.isfinite(change).all(1)
+    before, weights, change = before[finite], weights[finite], change[finite]
+    predicted = points[:, None] + np.zeros_like(candidates)
+    if not len(before):
+        return predicted
+    extent = np.ptp(np.concatenate([before, before + change]), axis=0)
+    extent[extent == 0] = np.inf  # without a range there is no unit: the objective is ignored
+    _, kinds = np.unique(weights.round(DECIMALS), axis=0, return_inverse=True)
+    for i, point in enumerate(points):
+        nearest, closeness = neighborhood(np.abs(point - before) / extent, kinds)
+        for k in range(len(point)):
+            changes = change[nearest, k]
+            low, size = trimmed_range(changes)
+            scaled = (changes - low) / (size or 1.0)
+            model = fitted(weights[nearest, k], scaled, closeness)
+            predicted[i, :, k] += low + size * hyperbolic(model, candidates[i, :, k])
+    return predicted
+
+
+def neighborhood(away: Array, kinds: Indices) -> tuple[Indices, Array]:
+    """Return the stretches (n,) that started near a policy, and their closeness (n,).
+
+    They are `away` (h, m) from the policy, relative to the range of each objective. A neighborhood
+    reaches 0.1 in every objective and doubles until it holds four `kinds` (h,) of trade-offs, or
+    all stretches if there are fewer. The nearest 128 of them count.
+
+    Closeness is a Gaussian of the distance, with a standard deviation of 0.3 of the reach, divided
+    by its value for the nearest stretch. Without the division, residuals of distant stretches would
+    be too small for the loss to turn linear, and outliers would not be damped.
+    """
+    distances = away.max(1)
+    order = distances.argsort(kind="stable")
+    _, firsts = np.unique(kinds[order], return_index=True)  # the nearest of each kind
+    rank = np.sort(firsts)[DIFFERENT_TRADEOFFS - 1] if len(firsts) >= DIFFERENT_TRADEOFFS else -1
+    reach = REACH
+    while reach < distances[order[rank]]:
+        reach *= 2
+    squares = np.square(away).sum(1)
+    inside = np.flatnonzero(distances <= reach)
+    nearest = inside[squares[inside].argsort(kind="stable")[:MOST_NEIGHBORS]]
+    further = squares[nearest] - squares[nearest[0]]
+    return nearest, np.exp(-further / (2 * (DEVIATION * reach) ** 2))
+
+
+def trimmed_range(values: Array) -> tuple[float, float]:
+    """Return the least of the values (n,) and their range, without a tenth at either end."""
+    ordered, trim = np.sort(values), (len(values) - 1) // TRIMMED
+    low, high = ordered[trim], ordered[-1 - trim]
+    if low == high:  # then those are no outliers
+        low, high = ordered[0], ordered[-1]
+    return float(low), float(high - low)
+
+
+def hyperbolic(parameters: Array, x: Array) -> Array:
+    """Compute A tanh(a(x - b) / 2) + c for parameters (4,) and x (n,)."""
+    A, a, b, c = parameters
+    return A * np.tanh(a * (x - b) / 2) + c
+
+
+def fitted(x: Array, y: Array, closeness: Array) -> Array:
+    """Fit the model (4,) to y at x, (n,) each; soft-L1 losses of residuals times closeness (n,)."""
+    return least_squares(
+        lambda parameters: closeness * (hyperbolic(parameters, x) - y),
+        START,
+        bounds=(LOWEST, HIGHEST),
+        loss="soft_l1",
+        f_scale=SOFT,
+    ).x

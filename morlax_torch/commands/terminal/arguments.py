@@ -10,15 +10,15 @@ from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_origin
 
 import tyro
-from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, field_validator
 from pydantic_core import PydanticUndefined
 from tyro import constructors
 
 from ... import envs
-from ...configuration.config import DRAFT, MAY_CHANGE, Config, differences, load_config
+from ...configuration.config import DRAFT, Config, check_resumable, load_config
 from ...configuration.files import file_values, read_yaml, task_values
 from ...envs import MorlaxError
-from ...envs.errors import explained
+from ...envs.errors import validated
 from ...envs.naming import absolute, is_file
 from ...envs.worlds.options import Section
 from ...host.torchrun import FIRST, MAY_RESTART, launch
@@ -60,10 +60,10 @@ class OfRun(Trusting):
     """Run folder (its best checkpoint), or runs/TASK or latest for the newest run; checkpoint file;
     or shipped policy."""
 
-    def use(self, command: str, more: str = "") -> str:
+    def use(self, command: str, *words: str) -> str:
         """Return the command line that uses the run."""
         moved = [] if self.env is None else ["--env", self.env]
-        return typed(command, self.run, *["--trust"] * self.trust, *moved) + more
+        return typed(command, self.run, *["--trust"] * self.trust, *moved, *words)
 
 
 class OfRuns(Trusting):
@@ -170,7 +170,7 @@ def text_of(model: type[BaseModel], option: str) -> str:
 def parse(command: type[C], arguments: Sequence[str]) -> C:
     """Read the options of a command, whose class has its name, and whose docstring is its help."""
     text, config = _paragraphs(command.__doc__ or ""), (tyro.conf.FlagCreatePairsOff,)
-    return _checked(command, _typed(command, command, arguments, description=text, config=config))
+    return validated(command, _typed(command, command, arguments, description=text, config=config))
 
 
 def _typed(
@@ -178,13 +178,6 @@ def _typed(
 ) -> Any:
     prog = program(command.__name__.lower())
     return tyro.cli(options, prog=prog, args=arguments, registry=_registry, **settings)
-
-
-def _checked(model: type[C], values: Any) -> C:
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        raise explained(error, model) from None
 
 
 def _paragraphs(text: str) -> str:
@@ -246,7 +239,7 @@ def begin(command: type[S], arguments: Sequence[str]) -> tuple[S, list[str]]:
         sys.exit(0)
     settings: Any = {"default": command(), "add_help": False, "return_unknown_args": True}
     values, others = _typed(command, command, arguments, **settings)
-    return _checked(command, values), others
+    return validated(command, values), others
 
 
 def print_help(command: type[Start]) -> None:
@@ -365,11 +358,8 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
     values = values_over(start, options, base)
     values |= start.model_dump(include={"device", "algorithm", "env"}, exclude_none=True)
     config = placed(values, base)
-    if others := differences(base, config):
-        raise MorlaxError(
-            f"a resumed run keeps its config ({'; '.join(others)}): leave that out, or start a new "
-            f"run. Only {', '.join(MAY_CHANGE)} may change."
-        )
+    mistake, remedy = "a resumed run keeps its config", "leave that out, or start a new run"
+    check_resumable(base, config, mistake, remedy)
     return config, run
 
 

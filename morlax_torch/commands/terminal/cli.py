@@ -18,7 +18,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from ...envs import MorlaxError
 from ...envs.errors import MorlaxWarning, words
 from ...host.phases import heard_by
-from ...host.resources import shortage_of_memory
 from ...host.torchrun import FIRST, SEVERAL
 from ...host.version import __version__
 from .process import INTERRUPTED, exit_when_stuck, exiting_on_signals
@@ -122,7 +121,11 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             raise  # of code that is not ours, such as a user's robot
         fail(f"cannot use {error.filename}: {error.strerror}.")
     except (AttributeError, MemoryError, RuntimeError) as error:
-        if sentence := _unusable_opengl(error) or shortage_of_memory(error):
+        if sentence := _unusable_opengl(error):
+            fail(sentence)
+        from ...host.resources import shortage_of_memory  # imports torch
+
+        if sentence := shortage_of_memory(error):
             fail(sentence)
         raise
 

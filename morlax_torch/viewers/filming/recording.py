@@ -304,7 +304,7 @@ def record(
     else:
         film = Sweep(policy, sweep, width, height, seed)
     if ending == ".png":
-        write_file(output, _png(film.strip(seconds, pictures)))
+        write_file(output, png(film.strip(seconds, pictures)))
     else:
         stride, fps = film.pace(speed, FASTEST[ending])
         write_video(output, film.frames(seconds, stride), fps)
@@ -313,12 +313,13 @@ def record(
 def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
     """Return a small film strip of a policy on the CPU as PNG; None if it cannot be drawn here."""
     try:
-        return _png(Film(policy, [tradeoff], width=240, height=180).strip())
+        return png(Film(policy, [tradeoff], width=240, height=180).strip())
     except MorlaxError:  # no OpenGL, or no MuJoCo robot
         return None
 
 
-def _png(picture: NDArray[np.uint8]) -> bytes:
+def png(picture: NDArray[np.uint8]) -> bytes:
+    """Encode a picture (H, W, 3) RGB."""
     file = BytesIO()
     Image.fromarray(picture).save(file, format="PNG")
     return file.getvalue()
