@@ -1,6 +1,7 @@
 """The sections of a config, each with its numbers."""
 
 import math
+from pkgutil import resolve_name
 from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
@@ -165,26 +166,6 @@ class RslRlOptions(MethodOptions):
     """Class of torch.nn of the actors' activations."""
 
 
-class PGMORLOptions(MethodOptions):
-    """PG-MORL has no options, but constants."""
-
-    weighted_sums: ClassVar[bool] = True
-    agent: ClassVar[str] = "morlax_torch.baselines.pg_morl.agent:PopulationAgent"
-    generation: ClassVar[int | None] = None
-    # iterations between two selections of what to train (None: at least 20, and so many that
-    # measuring the policies takes at most about 8 % of the time)
-    warmup: ClassVar[int] = 80  # iterations in which policies keep trade-offs of an even grid
-    bins: ClassVar[int] = 100  # directions of the objective space in which policies are kept
-    bin_size: ClassVar[int] = 2  # policies kept per direction
-    candidates: ClassVar[int] = 7  # trade-offs considered for each of the kept policies
-    sparsity: ClassVar[float] = 1.0  # weight of the front's sparsity, beside its hypervolume
-
-    @property
-    def num_networks(self) -> int:
-        """R, the size of the archive."""
-        return self.bins * self.bin_size
-
-
 class HyperSACOptions(MethodOptions):
     """Options of hyper-sac."""
 
@@ -210,10 +191,10 @@ class HyperSACOptions(MethodOptions):
     shorter."""
 
 
-OPTIONS = {
+OPTIONS: dict[str, type[MethodOptions] | str] = {  # classes of baselines by name
     "hyper-sac": HyperSACOptions,
     "hyper-morl": HyperMORLOptions,
-    "pg-morl": PGMORLOptions,
+    "pg-morl": "morlax_torch.baselines.pg_morl.options:PGMORLOptions",
     "rsl-rl": RslRlOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
@@ -221,4 +202,5 @@ DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 
 def options_class(algorithm: str) -> type[MethodOptions]:
     """Return the class of an algorithm's options."""
-    return OPTIONS.get(algorithm, MethodOptions)
+    kind = OPTIONS.get(algorithm, MethodOptions)
+    return resolve_name(kind) if isinstance(kind, str) else kind

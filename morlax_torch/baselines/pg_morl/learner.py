@@ -13,7 +13,6 @@ from torch import Tensor
 from ...algorithms.learner import copies, make_agent, restore
 from ...algorithms.trainer import Trainer
 from ...configuration.config import Config
-from ...configuration.sections import PGMORLOptions
 from ...configuration.tradeoffs import even_tradeoffs
 from ...envs import Worlds
 from ...evaluation.evaluator import Evaluator, evaluation_worlds
@@ -21,6 +20,7 @@ from ...gpu.group import ALONE, Group
 from ...networks.agent import Agent
 from ...networks.family import Independent
 from .agent import belongings
+from .options import PGMORLOptions
 from .population import (
     candidate_weights,
     directions,
