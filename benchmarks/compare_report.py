@@ -22,7 +22,7 @@ from morlax_torch import MorlaxError
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.cli import console
 
-FEWEST = 3  # seeds whose interval means something
+FEWEST = 3  # runs whose interval means something
 AXES = {"train_seconds": "training (s)", "env_steps": "environment steps"}
 
 
@@ -153,8 +153,9 @@ def _difference(groups: Sequence[NDArray[np.float64]]) -> str:
 
 
 def _clear(low: float, high: float, groups: Sequence[NDArray[np.float64]]) -> bool:
-    """Return whether an interval excludes zero, and there are enough seeds to say so."""
-    return (low > 0 or high < 0) and min(map(len, groups)) >= FEWEST
+    """Return whether an interval excludes zero, and there are enough runs to say so."""
+    enough = min(map(len, groups)) > 1 and sum(map(len, groups)) >= FEWEST
+    return enough and (low > 0 or high < 0)
 
 
 def times_table(runs: Runs, targets: dict[str, float]) -> str:

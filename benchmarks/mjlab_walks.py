@@ -11,7 +11,7 @@ from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation.evaluator import make_evaluator
 from morlax_torch.evaluation.front import Front
 
-ERROR, SHARE, POWER = 0, 2, 3  # in the order of QUANTITIES in mjlab/worlds.py
+ERROR, SHARE, POWER = 0, 2, 3  # in the order of QUANTITIES in mjlab/walking.py
 WALKS = 0.7  # share of the commanded speed that counts as walking
 FALLS = 0.2  # per 1,000 steps, at most, of a policy that walks
 

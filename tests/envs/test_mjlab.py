@@ -421,8 +421,10 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     task = policy.config.task.model_copy(update={"episode_length": 40})
     config = policy.config.model_copy(update={"task": task})
     front = evaluate(Policy(policy.agent, config, policy.objectives), 3, device="cpu", seeds=4)
-    error, speed, share, power, torque, cost = front.quantities.T
+    error, speed, share, power, torque, cost, hottest, shaken, drift = front.quantities.T
     assert front.quantity_names == worlds.QUANTITIES and len(error) == 3
+    assert ((hottest > torque / 35.55) & (hottest < 1)).all() and (drift < speed).all()
+    assert ((shaken > 1) & (shaken < 100)).all()
     assert ((error > 0) & (error < 1.5) & (speed > 0) & (speed < 1.5) & (torque < 24)).all()
     effort, tracking = map(policy.objectives.index, ("effort", "tracking"))
     assert share.max() > 0.5 and share.argmax() == tracking and power.argmin() == effort

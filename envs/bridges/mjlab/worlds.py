@@ -25,17 +25,8 @@ from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
 from .history import History, lengths
 from .mirror import mirror_of
 from .step import COMMAND, MaskedStep, supported
+from .walking import LOWER_IS_BETTER, QUANTITIES, Walking
 
-QUANTITIES = (
-    "velocity error (m/s)",  # between commanded and actual velocity, mjlab's metric error_vel_xy
-    "speed (m/s)",
-    "speed (share of the commanded)",  # along commands faster than SLOWEST
-    "power (W)",  # positive mechanical power, summed over the joints
-    "torque (N m)",  # root mean square over joints and time
-    "cost of transport",  # power / (weight * speed)
-)
-LOWER_IS_BETTER = ("velocity error (m/s)", "power (W)", "torque (N m)", "cost of transport")
-SLOWEST = 0.3  # m/s; slower commands say little about walking
 ENDINGS = "endings"  # mjlab's name of the recorder
 BLOWN_UP = "blown_up"  # of the termination
 EFFORT = ("joint_torques_l2", "electrical_power_cost")  # mjlab's, for every robot
@@ -123,8 +114,9 @@ class MjlabWorlds(ForeignWorlds):
         self.action_size = self.env.action_manager.total_action_dim
         manager = self.env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
-        self._command: Any = next((x for x in terms if type(x).__name__ == COMMAND), None)
-        if self._command:
+        command = next((term for term in terms if type(term).__name__ == COMMAND), None)
+        self._walking = Walking(self.env, command) if command else None
+        if command:
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
         self._step = MaskedStep(self.env, self.groups) if masked else None
 
@@ -154,23 +146,12 @@ class MjlabWorlds(ForeignWorlds):
                 self.env.event_manager.apply(mode="startup")
 
     def measure(self) -> Tensor:
-        # error, speed, speed along the command, the command, power, mean squared torque
-        data, wish = self._command.robot.data, self._command.command[:, :2]
-        velocity, torque = data.root_link_lin_vel_b[:, :2], data.qfrc_actuator
-        power = (torque * data.joint_vel).clamp(min=0).sum(1)
-        error, speed = (wish - velocity).norm(dim=1), velocity.norm(dim=1)
-        asked = wish.norm(dim=1)
-        fast = (asked > SLOWEST) / asked.clamp(min=SLOWEST)
-        along, effort = (velocity * wish).sum(1) * fast, torque.square().mean(1)
-        return torch.stack([error, speed, along, asked**2 * fast, power, effort], 1)
+        assert self._walking is not None
+        return self._walking.measure()
 
     def quantify(self, means: np.ndarray) -> np.ndarray:
-        error, speed, along, asked, power, torque = means.T
-        model = self.env.sim.mj_model
-        weight = model.body_mass.sum() * np.linalg.norm(model.opt.gravity)
-        # a robot that stands has no cost of transport; a large one says so in figures
-        share, cost = along / asked.clip(1e-9), power / (weight * speed.clip(0.01))
-        return np.stack([error, speed, share, power, torque**0.5, cost], 1)
+        assert self._walking is not None
+        return self._walking.quantify(means)
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         return mirror_of(self.env, self.groups, tolerance, self.lengths)

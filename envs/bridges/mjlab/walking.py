@@ -1,0 +1,73 @@
+"""How robots of mjlab's velocity tasks walk: what evaluations measure besides returns."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+QUANTITIES = (
+    "velocity error (m/s)",  # between commanded and actual velocity, mjlab's metric error_vel_xy
+    "speed (m/s)",
+    "speed (share of the commanded)",  # along commands faster than SLOWEST
+    "power (W)",  # positive mechanical power, summed over the joints
+    "torque (N m)",  # root mean square over joints and time
+    "cost of transport",  # power / (weight * speed)
+    "hottest joint (share of its torque limit)",  # root mean square of its torque over time
+    "acceleration of the base (m/s²)",  # root mean square
+    "drift (m/s)",  # speed when told to stand
+)
+LOWER_IS_BETTER = tuple(name for name in QUANTITIES if not name.startswith("speed"))
+SLOWEST = 0.3  # m/s; slower commands say little about walking
+COLUMNS = 9  # of `Walking.measure`, before those of joints
+
+
+class Walking:
+    """Measures N robots of an environment of mjlab that follow a velocity command."""
+
+    def __init__(self, env: Any, command: Any):
+        self._model, self._command, self._robot = env.sim.mj_model, command, command.robot
+        indexing = self._robot.indexing
+        self._base = indexing.free_joint_v_adr[:3]
+        limits = torque_limits(self._model)[indexing.joint_v_adr.cpu().numpy()]
+        self._limits = torch.from_numpy(limits).float().to(indexing.joint_v_adr.device)
+
+    def measure(self) -> Tensor:
+        """Return numbers of this step, (N, COLUMNS + joints), to take means of."""
+        data, twist = self._robot.data, self._command.command
+        wish, velocity, torque = twist[:, :2], data.root_link_lin_vel_b[:, :2], data.qfrc_actuator
+        power = (torque * data.joint_vel).clamp(min=0).sum(1)
+        error, speed = (wish - velocity).norm(dim=1), velocity.norm(dim=1)
+        asked = wish.norm(dim=1)
+        fast = (asked > SLOWEST) / asked.clamp(min=SLOWEST)
+        along, effort = (velocity * wish).sum(1) * fast, torque.square().mean(1)
+        shaken = data.data.qacc[:, self._base].square().sum(1)
+        still = (twist == 0).all(1).to(speed.dtype)
+        numbers = error, speed, along, asked**2 * fast, power, effort, shaken, speed * still, still
+        return torch.cat([torch.stack(numbers, 1), (torque / self._limits).square()], 1)
+
+    def quantify(self, means: np.ndarray) -> np.ndarray:
+        """Return the quantities (K, 9) from means over time (K, COLUMNS + joints)."""
+        numbers, joints = means[:, :COLUMNS].T, means[:, COLUMNS:]
+        error, speed, along, asked, power, torque, shaken, drift, still = numbers
+        weight = self._model.body_mass.sum() * np.linalg.norm(self._model.opt.gravity)
+        # a robot that stands has no cost of transport; a large one says so in figures
+        share, cost = along / asked.clip(1e-9), power / (weight * speed.clip(0.01))
+        hottest, drift = joints.max(1) ** 0.5, drift / still.clip(1e-9)
+        rest = hottest, shaken**0.5, drift
+        return np.stack([error, speed, share, power, torque**0.5, cost, *rest], 1)
+
+
+def torque_limits(model: mujoco.MjModel) -> np.ndarray:
+    """Return the largest torque of the actuators of each degree of freedom; infinite: unlimited."""
+    limits = np.full(model.nv, np.inf)
+    for actuator in range(model.nu):
+        if (
+            model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+            and model.actuator_forcelimited[actuator]
+        ):
+            dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
+            gear = abs(model.actuator_gear[actuator, 0])
+            limits[dof] = gear * model.actuator_forcerange[actuator, 1]
+    return limits
