@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from mjlab.rl import RslRlPpoAlgorithmCfg  # pyright: ignore[reportMissingImports]
 from mjlab.tasks import registry  # pyright: ignore[reportMissingImports]
 
+from ..envs.bridges.mjlab import tour  # noqa: F401 (registers its task)
 from ..envs.bridges.mjlab.worlds import add_terms
 from .pareto_options import ParetoOptions
 

@@ -34,6 +34,7 @@ from morlax_torch.viewers.player import Player
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
 GO1 = "mjlab:Mjlab-Velocity-Flat-Unitree-Go1"
+TOUR = "mjlab:Mjlab-Tour-Flat-Unitree-G1"
 G1 = "mjlab:Mjlab-Velocity-Flat-Unitree-G1"
 CARTPOLE = "mjlab:Mjlab-Cartpole-Balance"
 
@@ -499,3 +500,50 @@ def test_actors_observe_what_sensors_measure_and_some_of_the_past(generator):
 def test_a_history_of_no_term_is_one_sentence(history, message):
     with pytest.raises(MorlaxError, match=message):
         envs.make(GO1, 1, "cpu", history=history)
+
+
+def test_on_a_tour_others_move_the_arms_and_punch(generator):
+    env = envs.make(TOUR, 64, "cpu", stagger=False, episode_length=300)
+    model, harness = env.env.sim.mj_model, env.env.action_manager.get_term("harness")
+    robot, applied = env.env.scene["robot"], env.env.sim.data.xfrc_applied[:]
+    owned = env.env.action_manager.get_term("joint_pos").target_names
+    assert env.action_size == 15 and not any("shoulder" in name for name in owned)
+    env.reset()
+    skipped, forces, ranges = harness._skipped.clone(), [], robot.data.joint_pos_limits
+    for step in range(12):
+        state = env.env.sim.data.qpos[:].clone()
+        after = env.step(0.2 * torch.randn(64, 15, generator=generator))
+        forces.append(applied[..., :3].norm(dim=2))
+        if step == 6:  # of the punch: it pushes at a joint
+            data, world = mujoco.MjData(model), 3
+            data.qpos[:] = state[world].numpy()
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            joint = int(harness._joints[harness._hit[world]])
+            body = model.jnt_bodyid[joint]
+            found, expected = np.zeros(model.nv), np.zeros(model.nv)
+            push, twist = applied[world, body].double().numpy().reshape(2, 3)
+            mujoco.mj_applyFT(model, data, push, twist, data.xipos[body], body, found)
+            push, at = harness._force[world].double().numpy(), data.xanchor[joint]
+            mujoco.mj_applyFT(model, data, push, np.zeros(3), at, body, expected)
+            np.testing.assert_allclose(found, expected, atol=0.02 * np.abs(expected).max())
+    sizes = torch.stack(forces).sum(2)  # of one body
+    assert sizes[:5].max() == 0 and sizes[9:].max() == 0 and (sizes[5:9] > 0).all()
+    ceiling = 500 * (1 / 3 + 2 / 3 * (skipped + 0.1) / 60).clamp(max=1)
+    assert (sizes[5] <= ceiling * 1.001).all() and (sizes[5] >= 0.499 * ceiling).all()
+    left, right = harness._targets.chunk(2, 1)
+    assert torch.equal(right, left * torch.tensor([1.0, -1, -1, 1, -1, 1, -1]))
+    low, high = ranges[:, harness._arms].unbind(-1)
+    assert (harness._targets >= low - 1e-5).all() and (harness._targets <= high + 1e-5).all()
+    arms = robot.data.joint_pos[:, harness._arms]
+    assert (arms - harness._targets).abs().mean() < 0.1 and left.std() > 0.02
+    with NoSync(), NoCopies():
+        env._step(torch.zeros(64, 15))
+    # a world that restarts draws anew, others go on
+    over = after.terminated | after.truncated
+    while not over.any():
+        before = harness._skipped.clone()
+        after = env.step(torch.ones(64, 15))
+        over = after.terminated | after.truncated
+    assert torch.equal(harness._skipped == before, ~over)
+    assert env.mirror(0.01).action(torch.ones(15)).abs().max() == 1

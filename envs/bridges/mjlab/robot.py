@@ -138,7 +138,8 @@ class MjlabRobot(MjlabWorlds, Robot):
 
     def _actions(self) -> list[Any]:
         manager = self.env.action_manager
-        return [manager.get_term(name) for name in manager.active_terms]
+        terms = [manager.get_term(name) for name in manager.active_terms]
+        return [term for term in terms if term.action_dim]
 
     def _observed(self, name: str) -> Any:
         return self.env.observation_manager.get_term_cfg(self.groups[0], name)

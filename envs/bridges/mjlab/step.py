@@ -273,7 +273,7 @@ def _slots(root: Any) -> Iterator[tuple[dict[Any, Any], Any]]:
         members = thing if isinstance(thing, dict) else getattr(thing, "__dict__", {})
         module = f"{type(thing).__module__}."
         ours = isinstance(thing, dict) or (
-            module.startswith("mjlab.") and not module.startswith("mjlab.sim.")
+            "mjlab." in module and not module.startswith("mjlab.sim.")
         )
         for key, value in members.items() if ours else ():
             if isinstance(value, Tensor):

@@ -262,6 +262,7 @@ def load(name: str) -> Any:
     # its libraries print banners and use what torch deprecates
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(action="ignore"):
         import_module("mjlab.tasks")
+        import_module(".tour", __package__)  # registers ours
     wp.config.log_level = wp.LOG_WARNING  # mjlab lets Warp report every kernel
     registry, task = import_module("mjlab.tasks.registry"), imported(name)
     if task not in registry.list_tasks():

@@ -1,0 +1,149 @@
+"""A task for mjlab: the G1 walks while others move its arms, and punches hit it.
+
+The rules are those of the public teleop-walking-benchmark (rhoyn, 2026), whose robots walk a tour:
+a policy owns legs and waist, the arms go to targets that walk at random, and in every segment of 5
+s a random joint is hit from a random direction.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import torch
+from mjlab.managers.action_manager import (  # pyright: ignore[reportMissingImports]
+    ActionTerm,
+    ActionTermCfg,
+)
+from mjlab.tasks import registry  # pyright: ignore[reportMissingImports]
+from torch import Tensor
+
+from ...worlds.episodes import refill
+
+TASK, WALKING = "Mjlab-Tour-Flat-Unitree-G1", "Mjlab-Velocity-Flat-Unitree-G1"
+OWNED = (".*_hip_.*", ".*_knee_.*", ".*_ankle_.*", "waist_.*")  # joints of the policy
+ARM = (
+    *("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"),
+    *("wrist_roll", "wrist_pitch", "wrist_yaw"),
+)
+MIRROR = (1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0)  # from the left arm to the right one
+WINDOW, WANDER = 0.5, 0.06  # s between targets; rad, the largest change of a control step
+SEGMENT, DELAY, DURATION = 5.0, 0.1, 0.08  # s between punches, before the first, of each
+STRONGEST, RAMP, WEAKEST = 500.0, 60.0, 1 / 3  # N; s until punches are so strong; share at first
+
+
+@dataclass(kw_only=True)
+class HarnessCfg(ActionTermCfg):
+    """Config of `Harness`."""
+
+    def build(self, env: Any) -> "Harness":
+        return Harness(self, env)
+
+
+class Harness(ActionTerm):
+    """Moves the arms of N robots, and punches them; takes no action.
+
+    Punches of an episode are as strong as from a random second of the tour on.
+    """
+
+    action_dim = 0
+    target_names: tuple[str, ...] = ()
+
+    def __init__(self, cfg: HarnessCfg, env: Any):
+        super().__init__(cfg, env)
+        self._robot, model, N = env.scene[cfg.entity_name], env.sim.mj_model, env.num_envs
+        names = [f"{side}_{joint}_joint" for side in ("left", "right") for joint in ARM]
+        joints = torch.tensor([self._robot.joint_names.index(name) for name in names])
+        self._arms = joints.to(env.device)
+        zeros = partial(torch.zeros, dtype=torch.float32, device=env.device)
+        self._mirror = torch.tensor(MIRROR, dtype=torch.float32, device=env.device)
+        named = [model.joint(f"{cfg.entity_name}/{name}").id for name in self._robot.joint_names]
+        self._joints = torch.tensor(named, device=env.device)
+        self._bodies = torch.from_numpy(model.jnt_bodyid[named]).long().to(env.device)
+        ranges = torch.from_numpy(model.jnt_range[named]).float()[joints[: len(ARM)]]
+        self._lowest, self._highest = ranges.to(env.device).T
+        self._before = zeros(N, len(ARM))  # rad, of the left arm
+        self._after = torch.zeros_like(self._before)
+        self._skipped = zeros(N)  # s of the tour before the episode
+        self._hit = torch.zeros(N, dtype=torch.long, device=env.device)  # joint of the punch
+        self._force = zeros(N, 3)
+        self._targets = zeros(N, 2 * len(ARM))
+        self.reset(slice(None))
+
+    @property
+    def raw_action(self) -> Tensor:
+        return self._force[:, :0]
+
+    def reset(self, env_ids: Any) -> None:
+        stance = self._robot.data.default_joint_pos[:, self._arms[: len(ARM)]]
+        self._before[env_ids] = stance[env_ids]
+        self._after[env_ids] = stance[env_ids]
+        self._skipped[env_ids] = torch.empty_like(self._skipped).uniform_(0, RAMP)[env_ids]
+
+    def process_actions(self, actions: Tensor) -> None:
+        steps, dt = self._env.episode_length_buf, self._env.step_dt
+        self._move_arms(steps, round(WINDOW / dt))
+        since = steps - round(DELAY / dt)
+        phase = since % round(SEGMENT / dt)
+        self._aim((since >= 0) & (phase == 0), steps * dt)
+        self._punch((since >= 0) & (phase < round(DURATION / dt)))
+
+    def apply_actions(self) -> None:
+        self._robot.set_joint_position_target(self._targets, joint_ids=self._arms)
+
+    def _move_arms(self, steps: Tensor, window: int) -> None:
+        shape = *self._after.shape, window
+        walk = self._after.new_empty(shape).uniform_(-WANDER, WANDER).sum(-1)
+        wish = (self._after + walk).clamp(self._lowest, self._highest)
+        due = steps % window == 0
+        refill(due, self._after, self._before)
+        refill(due, wish, self._after)
+        share = ((steps % window + 1) / window)[:, None]
+        left = torch.lerp(self._before, self._after, share)
+        self._targets.copy_(torch.cat([left, left * self._mirror], 1))
+
+    def _aim(self, due: Tensor, seconds: Tensor) -> None:
+        """Draw joint, direction and force of a punch in the worlds of a mask (N,)."""
+        joint = torch.empty_like(self._skipped).uniform_(0, len(self._joints)).long()
+        direction = torch.nn.functional.normalize(torch.randn_like(self._force), dim=1)
+        climbed = ((self._skipped + seconds) / RAMP).clamp(max=1)
+        ceiling = STRONGEST * (WEAKEST + (1 - WEAKEST) * climbed)
+        size = ceiling * torch.empty_like(ceiling).uniform_(0.5, 1)
+        refill(due, joint.clamp(max=len(self._joints) - 1), self._hit)
+        refill(due, direction * size[:, None], self._force)
+
+    def _punch(self, active: Tensor) -> None:
+        """Push at the joints that are hit, in the worlds of a mask (N,)."""
+        data, worlds = self._env.sim.data, torch.arange(self.num_envs, device=self.device)
+        body = self._bodies[self._hit]
+        arm = data.xanchor[:][worlds, self._joints[self._hit]] - data.xipos[:][worlds, body]
+        force = self._force * active[:, None]
+        wrench = torch.cat([force, torch.linalg.cross(arm, force)], 1)
+        applied = data.xfrc_applied[:]
+        index = body[:, None, None].expand(-1, 1, 6)
+        applied.copy_(torch.zeros_like(applied).scatter_(1, index, wrench[:, None]))
+
+
+def config(play: bool) -> Any:
+    """Return mjlab's config of the G1 that walks, with the harness and without pushes."""
+    cfg = registry.load_env_cfg(WALKING, play)
+    action, pose = cfg.actions["joint_pos"], cfg.rewards["pose"].params
+    action.actuator_names, action.scale = OWNED, _owned(action.scale)
+    pose["asset_cfg"].joint_names = OWNED
+    for name in ("std_standing", "std_walking", "std_running"):
+        pose[name] = _owned(pose[name])
+    cfg.actions["harness"] = HarnessCfg(entity_name="robot")
+    cfg.events.pop("push_robot", None)
+    twist = cfg.commands["twist"]
+    twist.ranges.lin_vel_x, twist.ranges.lin_vel_y = (-0.6, 1.0), (-0.5, 0.5)
+    twist.ranges.ang_vel_z = (-1.0, 1.0)
+    return cfg
+
+
+def _owned(values: dict[str, float]) -> dict[str, float]:
+    """Return the values whose names or patterns are not of arms."""
+    arms = ("shoulder", "elbow", "wrist")
+    return {name: value for name, value in values.items() if not any(x in name for x in arms)}
+
+
+walking = registry.load_rl_cfg(WALKING), registry.load_runner_cls(WALKING)
+registry.register_mjlab_task(TASK, config(False), config(True), *walking)
