@@ -3,10 +3,10 @@
 import os
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, NonNegativeInt, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, NonNegativeInt, PositiveInt
 
 from ..configuration.files import read_yaml
-from ..envs.errors import explained
+from ..envs.errors import validated
 from ..envs.worlds.options import Objectives
 
 FILE = "MORLAX_PARETO"  # environment variable: a YAML file of `ParetoOptions`
@@ -51,7 +51,4 @@ def take_options(algorithm: dict[str, Any]) -> ParetoOptions:
     values = {name: value for name, value in values.items() if value not in UNSET}
     if path := os.environ.get(FILE):
         values |= read_yaml(path, "options of ParetoPPO", "tradeoffs: 32")
-    try:
-        return ParetoOptions(**values)
-    except ValidationError as error:
-        raise explained(error, ParetoOptions) from None
+    return validated(ParetoOptions, values)

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AliasPath, BaseModel, Field, ValidationError, model_validator
+from pydantic import AliasPath, BaseModel, Field, model_validator
 
 from ...configuration.files import read_yaml
 from ...envs import MorlaxError
-from ...envs.errors import explained, line, unknown
+from ...envs.errors import line, unknown, validated
 from ...envs.worlds.trees import base_of
 from ...exports.deployment import SETTINGS
 from ...host.files import read
@@ -126,10 +126,7 @@ def open_export(path: Path) -> Export:
             "whose actions are positions of joints, such as those of mjlab's velocity tasks."
         )
     values = read_yaml(file, "settings", "step_dt: 0.02")
-    try:
-        settings = Settings.model_validate(values)
-    except ValidationError as error:
-        raise MorlaxError(f"{file}: {explained(error, Settings)}") from None
+    settings = validated(Settings, values, f"{file}: ")
     archive = folder / settings.model
     content = io.BytesIO(read(archive, "model"))
     try:
