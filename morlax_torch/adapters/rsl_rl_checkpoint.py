@@ -14,7 +14,8 @@ from ..configuration.config import Config, load_config
 from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError
 from ..host.files import AnyPath, read, write_file
-from ..networks.hypernetwork import Hypernetwork
+from ..networks.hypernetwork import HIDDEN
+from ..networks.mlp import mlp
 from ..networks.unbounded import GaussianMLP
 from ..runs.checkpoint import FORMAT, RSL_RL, Task
 from .pareto_options import ParetoOptions
@@ -43,23 +44,20 @@ def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) 
         raise MorlaxError(f"{checkpoint} is no checkpoint that ParetoPPO has written.") from None
     loaded.pop(RSL_RL, None)
     weights = one_tradeoff(tradeoff, family["objectives"], torch.device("cpu"))
+    point = weights / weights.sum()
     for name, shapes in family["shapes"].items():
         state = family[name]
-        prefix = "family."
-        tensors = {k.removeprefix(prefix): x for k, x in state.items() if k.startswith(prefix)}
-        # a module of parameters with these shapes, in their order: ParameterDict sorts a dict, but
-        # not a list, and takes no dots
-        bias, names = tensors["bias"], [key.replace(".", "/") for key in shapes]
-        parts = bias.split([shape.numel() for shape in shapes.values()])
-        values = [part.view(shape) for part, shape in zip(parts, shapes.values(), strict=True)]
-        target = nn.ParameterDict([*zip(names, values, strict=True)])
-        hypernetwork = Hypernetwork(target, len(weights), num_features=tensors["weight"].shape[1])
-        hypernetwork.load_state_dict(tensors)
+        bias, weight = state["family.bias"], state["family.weight"]
+        features = mlp(len(weights), HIDDEN, weight.shape[1])
+        prefix = "family.features."
+        inner = {k.removeprefix(prefix): x for k, x in state.items() if k.startswith(prefix)}
+        features.load_state_dict(inner)
         with torch.no_grad():
-            rows = hypernetwork(weights[None]).items()
-        parameters = {key.replace("/", "."): row[0] for key, row in rows}
+            parts = (bias + weight @ features(point)).split([x.numel() for x in shapes.values()])
+        named = zip(shapes.items(), parts, strict=True)
+        parameters = {key: part.view(shape) for (key, shape), part in named}
         others = {key: x for key, x in state.items() if key.startswith("obs_normalizer.")}
-        critic = weights / weights.sum() if name == "critic" else None
+        critic = point if name == "critic" else None
         plain = plain_state(parameters, family["std_name"], critic)
         loaded[f"{name}_state_dict"] = others | plain
     groups = family["optimizer"]["param_groups"]

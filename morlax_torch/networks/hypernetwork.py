@@ -9,6 +9,8 @@ from ..gpu import fused
 from .family import Generated, on_simplex
 from .mlp import mlp, mlp_sizes
 
+HIDDEN = (128, 128)  # units of f's layers
+
 
 class Hypernetwork(Generated):
     """One network for every trade-off w, with parameters H(w) = M f(w) + b.
@@ -39,7 +41,7 @@ class Hypernetwork(Generated):
         self,
         target: nn.Module,
         num_objectives: int,
-        hidden_sizes: Sequence[int] = (128, 128),
+        hidden_sizes: Sequence[int] = HIDDEN,
         num_features: int = 16,
         *,
         context_size: int = 0,
