@@ -81,7 +81,7 @@ def test_its_front_trades_off_and_tensorboard_shows_it(trained):
 
 def test_advantages_are_those_of_ppo_for_the_weighted_reward():
     torch.manual_seed(1)
-    family = make(tradeoffs=1, evaluation_worlds=0).alg
+    family = make(tradeoffs=1, evaluation_worlds=0, focus=(3.0, 1.0)).alg
     plain = make(kind="PPO", normalize_advantage_per_mini_batch=True).alg
     obs = family.storage.observations[0]
     with torch.inference_mode():
