@@ -70,16 +70,15 @@ class History:
 
         Returns what is observed, (N, size).
         """
-        first = values[:, None].expand_as(self._frames)
-        frames = torch.where(restarted[:, None, None], first, self._moved(values))
-        return self._observed(self._frames.copy_(frames))
+        return self._kept(restarted, values, self._moved(values))
 
     def restart(self, which: Tensor, values: Tensor) -> Tensor:
         """Keep `values` alone where `which` (N,); returns what is observed, (N, size)."""
-        first = values[:, None].expand_as(self._frames)
-        return self._observed(
-            self._frames.copy_(torch.where(which[:, None, None], first, self._frames))
-        )
+        return self._kept(which, values, self._frames)
+
+    def _kept(self, which: Tensor, values: Tensor, others: Tensor) -> Tensor:
+        frames = torch.where(which[:, None, None], values[:, None], others)
+        return self._observed(self._frames.copy_(frames))
 
     def _moved(self, values: Tensor) -> Tensor:
         return torch.cat([self._frames[:, 1:], values[:, None]], 1)

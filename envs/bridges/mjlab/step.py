@@ -272,6 +272,7 @@ def _slots(root: Any) -> Iterator[tuple[dict[Any, Any], Any]]:
             continue
         members = thing if isinstance(thing, dict) else getattr(thing, "__dict__", {})
         module = f"{type(thing).__module__}."
+        # also terms of tasks that others wrote, such as our tour
         ours = isinstance(thing, dict) or (
             "mjlab." in module and not module.startswith("mjlab.sim.")
         )

@@ -42,20 +42,30 @@ class Walking:
         asked = wish.norm(dim=1)
         fast = (asked > SLOWEST) / asked.clamp(min=SLOWEST)
         along, effort = (velocity * wish).sum(1) * fast, torque.square().mean(1)
-        shaken = data.data.qacc[:, self._base].square().sum(1)
-        still = (twist == 0).all(1).to(speed.dtype)
-        numbers = error, speed, along, asked**2 * fast, power, effort, shaken, speed * still, still
+        jolts = data.data.qacc[:, self._base].square().sum(1)
+        standing = (twist == 0).all(1).to(speed.dtype)
+        numbers = (
+            error,
+            speed,
+            along,
+            asked**2 * fast,
+            power,
+            effort,
+            jolts,
+            speed * standing,
+            standing,
+        )
         return torch.cat([torch.stack(numbers, 1), (torque / self._limits).square()], 1)
 
     def quantify(self, means: np.ndarray) -> np.ndarray:
         """Return the quantities (K, 9) from means over time (K, COLUMNS + joints)."""
         numbers, joints = means[:, :COLUMNS].T, means[:, COLUMNS:]
-        error, speed, along, asked, power, torque, shaken, drift, still = numbers
+        error, speed, along, asked, power, torque, jolts, drift, standing = numbers
         weight = self._model.body_mass.sum() * np.linalg.norm(self._model.opt.gravity)
         # a robot that stands has no cost of transport; a large one says so in figures
         share, cost = along / asked.clip(1e-9), power / (weight * speed.clip(0.01))
-        hottest, drift = joints.max(1) ** 0.5, drift / still.clip(1e-9)
-        rest = hottest, shaken**0.5, drift
+        hottest, drift = joints.max(1) ** 0.5, drift / standing.clip(1e-9)
+        rest = hottest, jolts**0.5, drift
         return np.stack([error, speed, share, power, torque**0.5, cost, *rest], 1)
 
 
