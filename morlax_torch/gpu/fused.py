@@ -27,7 +27,7 @@ def kernels(device: torch.device) -> Kernels | None:
     try:
         from . import adam_kernels, mlp_kernels, policy_kernels
 
-        with torch.cuda.device(device), torch.inference_mode(False):
+        with torch.cuda.device(device):
             if mlp_kernels.fits((1, 1, 1), device):
                 return Kernels(adam_kernels.step, policy_kernels.sample, policy_kernels.policy_loss)
         reason = "they do not fit on this GPU"

@@ -10,7 +10,7 @@ import it only where there is CUDA.
 """
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -222,10 +222,11 @@ def fits(sizes: tuple[int, ...], device: torch.device) -> bool:
         if weights > torch.cuda.get_device_properties(device).shared_memory_per_block_optin:
             return False
     P = sum(shape.numel() for shape in _shapes(sizes))
-    parameters = torch.zeros(1, P, device=device, requires_grad=True, dtype=torch.float32)
-    x = torch.zeros(1, FORWARD_ROWS, sizes[0], dtype=torch.float32, device=device)
+    zeros = partial(torch.zeros, device=device, dtype=torch.float32)
     try:
-        with torch.enable_grad():
+        with torch.inference_mode(False), torch.enable_grad():  # rsl_rl acts in inference mode
+            parameters = zeros(1, P, requires_grad=True)
+            x = zeros(1, FORWARD_ROWS, sizes[0])
             torch.autograd.grad(run(sizes, [parameters], x).sum(), parameters)
     except triton.runtime.errors.OutOfResources:
         return False

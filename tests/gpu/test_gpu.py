@@ -16,7 +16,7 @@ from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation.evaluator import Evaluator
-from morlax_torch.gpu import fused
+from morlax_torch.gpu import fused, mlp_kernels
 from morlax_torch.gpu.graph import Branch, Graph
 from morlax_torch.networks.hypernetwork import Hypernetwork
 from morlax_torch.train import train
@@ -360,6 +360,7 @@ def test_a_family_runs_where_a_host_has_set_the_precision():
         expected = family.run(family(tradeoffs), inputs)
         family.cuda()
         fused.kernels.cache_clear()
+        mlp_kernels.fits.cache_clear()
         with torch.inference_mode(), warnings.catch_warnings(action="error"):
             outputs = family.run(family(tradeoffs.cuda()), inputs.cuda())
     finally:

@@ -72,6 +72,13 @@ def test_mlps_and_their_gradients_equal_vmap_and_repeat(sizes, K, S):
     assert torch.equal(gradient, torch.cat([each.flatten(1) for each in found[1:]], 1))
 
 
+def test_kernels_are_tried_where_nothing_can_be_differentiated():
+    """rsl_rl first runs policies in inference mode."""
+    mlp_kernels.fits.cache_clear()
+    with torch.inference_mode():
+        assert mlp_kernels.fits((3, 16, 2), torch.device(DEVICE))
+
+
 def test_steps_of_adam_equal_torch(monkeypatch):
     monkeypatch.setattr(fused, "kernels", lambda device: None)
     shapes = [(2, adam_kernels.BLOCK), (100,), (3, 7), (adam_kernels.BLOCK + 1,)]
