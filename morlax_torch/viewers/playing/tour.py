@@ -72,7 +72,7 @@ class Walker(Robot):
         for side in ("left", "right"):
             servo = self._servos[names.index(f"{side}_hip_roll_joint")]
             model.actuator_forcerange[servo] = -TORQUE, TORQUE
-        model.actuator_gainprm[:, 0], model.actuator_biasprm[:] = 1, 0
+        model.actuator_gainprm[:, 0], model.actuator_biasprm[:] = 1, 0  # `walk` has the gains
         self._stiffness, self._damping = np.array(settings.stiffness), np.array(settings.damping)
         self._targets = self._rest[0].copy()  # rad
         self.data.qpos[self._height] = HEIGHT
@@ -95,11 +95,17 @@ class Walker(Robot):
         self.action = action
         self._targets[self._driven] = (self._offset + self._scale * action).clip(*self._clip)
         self._targets[self._arms] = [*left, *left * rules.MIRROR]
-        self._servo(hit, force)
-        costs = self.data.qfrc_actuator[self._qvel], self.data.qvel[self._qvel]
-        for _ in range(self._substeps - 1):
-            self._servo(hit, force)
-        return costs
+        model, data, joint, costs = self.model, self.data, self._joints[hit], []
+        for _ in range(self._substeps):
+            error, speed = self._targets - data.qpos[self._qpos], data.qvel[self._qvel]
+            data.ctrl[self._servos] = self._stiffness * error - self._damping * speed
+            data.qfrc_applied[:] = 0
+            if force.any():
+                at, body, none = data.xanchor[joint], model.jnt_bodyid[joint], np.zeros(3)
+                mujoco.mj_applyFT(model, data, force, none, at, body, data.qfrc_applied)
+            mujoco.mj_step(model, data)
+            costs.append((data.qfrc_actuator[self._qvel], data.qvel[self._qvel]))
+        return costs[0]
 
     def pose(self) -> tuple[Array, float]:
         """Return the position (3,) of the base in m, and its heading in rad."""
@@ -138,16 +144,6 @@ class Walker(Robot):
             rows.append(data.geom_xpos[geom] + (center + half * CORNERS) @ turn.T)
         torso = data.xmat[self._torso].reshape(3, 3)
         return (np.concatenate(rows) - data.xpos[self._torso]) @ torso
-
-    def _servo(self, hit: int = 0, force: Array | None = None) -> None:
-        data, joint = self.data, self._joints[hit]
-        error, speed = self._targets - data.qpos[self._qpos], data.qvel[self._qvel]
-        data.ctrl[self._servos] = self._stiffness * error - self._damping * speed
-        data.qfrc_applied[:] = 0
-        if force is not None:
-            at, body = data.xanchor[joint], self.model.jnt_bodyid[joint]
-            mujoco.mj_applyFT(self.model, data, force, np.zeros(3), at, body, data.qfrc_applied)
-        mujoco.mj_step(self.model, data)
 
 
 def plan(rng: np.random.Generator) -> tuple[Array, Array, Array]:
