@@ -1,5 +1,6 @@
 """Run an exported policy in C MuJoCo, in real time or in many episodes."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +19,7 @@ class Play(Section):
 
     Without --episodes, a window shows the robot in real time, and keys steer it. Without a display,
     a film is written. Commands are random in films and episodes, and the trade-off slides between
-    random points.
+    random points. A tour is scored like the public teleop-walking-benchmark scores the G1.
     """
 
     export: Annotated[Path, Positional, arg(metavar="EXPORT")]
@@ -26,9 +27,16 @@ class Play(Section):
     episodes: int | None = None
     """Run so many episodes as fast as possible, and print a table of falls, tracking errors and
     power."""
+    tour: bool = False
+    """Score a policy of mjlab:Mjlab-Tour-Flat-Unitree-G1 by the rules of the public
+    teleop-walking-benchmark, and print the columns of its table."""
+    tour_runs: int = 256
+    """Number of runs of a tour; their random seeds are 0, 1, and so on."""
+    tradeoff: Annotated[str | None, arg(metavar="0.7,0.3")] = None
+    """Weight of each objective in a tour (None: the same for all)."""
     seconds: float | None = None
-    """Duration of an episode or film, or after which the window closes (None: 30 in episodes, 5 in
-    a film, no limit in a window)."""
+    """Duration of an episode or film, or after which the window closes (None: 30 in episodes, 90 in
+    a tour, 5 in a film, no limit in a window)."""
     output: Path | None = None
     """Write a film, FILE.mp4 or FILE.gif, instead of opening a window (None: film.mp4 if there is
     no display)."""
@@ -54,6 +62,21 @@ def command(arguments: Sequence[str]) -> None:
     seconds, seed = options.seconds, options.seed
     strengths = Disturbances(options.delay, options.noise, options.push, options.friction)
     deployment = open_export(options.export)
+    if options.tour:
+        from ..viewers.playing.tour import WALK, score
+
+        weights, duration = None, WALK if seconds is None else seconds
+        if options.tradeoff is not None:
+            from ..configuration.tradeoffs import parse_tradeoff  # imports torch
+
+            weights = parse_tradeoff(options.tradeoff, deployment.settings.objectives)
+        with cli.Live():
+            columns = score(options.export, options.tour_runs, weights, duration)
+        table = Table("column", Column(f"{options.tour_runs} runs", justify="right"))
+        for name, value in columns.items():
+            table.add_row(name, "-" if math.isnan(value) else f"{value:.1f}")
+        cli.console.print(table)
+        return
     if options.episodes is not None:
         duration = 30.0 if seconds is None else seconds
         with cli.Live():

@@ -18,17 +18,9 @@ from mjlab.tasks import registry  # pyright: ignore[reportMissingImports]
 from torch import Tensor
 
 from ...worlds.episodes import refill
+from . import tour_rules as rules
 
-TASK, WALKING = "Mjlab-Tour-Flat-Unitree-G1", "Mjlab-Velocity-Flat-Unitree-G1"
-OWNED = (".*_hip_.*", ".*_knee_.*", ".*_ankle_.*", "waist_.*")  # joints of the policy
-ARM = (
-    *("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"),
-    *("wrist_roll", "wrist_pitch", "wrist_yaw"),
-)
-MIRROR = (1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0)  # from the left arm to the right one
-WINDOW, WANDER = 0.5, 0.06  # s between targets; rad, the largest change of a control step
-SEGMENT, DELAY, DURATION = 5.0, 0.1, 0.08  # s between punches, before the first, of each
-STRONGEST, RAMP, WEAKEST = 500.0, 60.0, 1 / 3  # N; s until punches are so strong; share at first
+WALKING = "Mjlab-Velocity-Flat-Unitree-G1"
 
 
 @dataclass(kw_only=True)
@@ -51,22 +43,21 @@ class Harness(ActionTerm):
     def __init__(self, cfg: HarnessCfg, env: Any):
         super().__init__(cfg, env)
         self._robot, model, N = env.scene[cfg.entity_name], env.sim.mj_model, env.num_envs
-        names = [f"{side}_{joint}_joint" for side in ("left", "right") for joint in ARM]
-        joints = torch.tensor([self._robot.joint_names.index(name) for name in names])
+        joints = torch.tensor([self._robot.joint_names.index(name) for name in rules.ARMS])
         self._arms = joints.to(env.device)
         zeros = partial(torch.zeros, dtype=torch.float32, device=env.device)
-        self._mirror = torch.tensor(MIRROR, dtype=torch.float32, device=env.device)
+        self._mirror = torch.tensor(rules.MIRROR, dtype=torch.float32, device=env.device)
         named = [model.joint(f"{cfg.entity_name}/{name}").id for name in self._robot.joint_names]
         self._joints = torch.tensor(named, device=env.device)
         self._bodies = torch.from_numpy(model.jnt_bodyid[named]).long().to(env.device)
-        ranges = torch.from_numpy(model.jnt_range[named]).float()[joints[: len(ARM)]]
+        ranges = torch.from_numpy(model.jnt_range[named]).float()[joints[: len(rules.ARM)]]
         self._lowest, self._highest = ranges.to(env.device).T
-        self._before = zeros(N, len(ARM))  # rad, of the left arm
+        self._before = zeros(N, len(rules.ARM))  # rad, of the left arm
         self._after = torch.zeros_like(self._before)
         self._skipped = zeros(N)  # s of the tour before the episode
         self._hit = torch.zeros(N, dtype=torch.long, device=env.device)  # joint of the punch
         self._force = zeros(N, 3)
-        self._targets = zeros(N, 2 * len(ARM))
+        self._targets = zeros(N, 2 * len(rules.ARM))
         self.reset(slice(None))
 
     @property
@@ -74,25 +65,25 @@ class Harness(ActionTerm):
         return self._force[:, :0]
 
     def reset(self, env_ids: Any) -> None:
-        stance = self._robot.data.default_joint_pos[:, self._arms[: len(ARM)]]
+        stance = self._robot.data.default_joint_pos[:, self._arms[: len(rules.ARM)]]
         self._before[env_ids] = stance[env_ids]
         self._after[env_ids] = stance[env_ids]
-        self._skipped[env_ids] = torch.empty_like(self._skipped).uniform_(0, RAMP)[env_ids]
+        self._skipped[env_ids] = torch.empty_like(self._skipped).uniform_(0, rules.RAMP)[env_ids]
 
     def process_actions(self, actions: Tensor) -> None:
         steps, dt = self._env.episode_length_buf, self._env.step_dt
-        self._move_arms(steps, round(WINDOW / dt))
-        since = steps - round(DELAY / dt)
-        phase = since % round(SEGMENT / dt)
+        self._move_arms(steps, round(rules.WINDOW / dt))
+        since = steps - round(rules.DELAY / dt)
+        phase = since % round(rules.SEGMENT / dt)
         self._aim((since >= 0) & (phase == 0), steps * dt)
-        self._punch((since >= 0) & (phase < round(DURATION / dt)))
+        self._punch((since >= 0) & (phase < round(rules.DURATION / dt)))
 
     def apply_actions(self) -> None:
         self._robot.set_joint_position_target(self._targets, joint_ids=self._arms)
 
     def _move_arms(self, steps: Tensor, window: int) -> None:
         shape = *self._after.shape, window
-        walk = self._after.new_empty(shape).uniform_(-WANDER, WANDER).sum(-1)
+        walk = self._after.new_empty(shape).uniform_(-rules.WANDER, rules.WANDER).sum(-1)
         wish = (self._after + walk).clamp(self._lowest, self._highest)
         due = steps % window == 0
         refill(due, self._after, self._before)
@@ -105,9 +96,8 @@ class Harness(ActionTerm):
         """Draw joint, direction and force of a punch in the worlds of a mask (N,)."""
         joint = torch.empty_like(self._skipped).uniform_(0, len(self._joints)).long()
         direction = torch.nn.functional.normalize(torch.randn_like(self._force), dim=1)
-        climbed = ((self._skipped + seconds) / RAMP).clamp(max=1)
-        ceiling = STRONGEST * (WEAKEST + (1 - WEAKEST) * climbed)
-        size = ceiling * torch.empty_like(ceiling).uniform_(0.5, 1)
+        climbed = ((self._skipped + seconds) / rules.RAMP).clamp(max=1)
+        size = rules.strongest(climbed) * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
         refill(due, joint.clamp(max=len(self._joints) - 1), self._hit)
         refill(due, direction * size[:, None], self._force)
 
@@ -127,8 +117,8 @@ def config(play: bool) -> Any:
     """Return mjlab's config of the G1 that walks, with the harness and without pushes."""
     cfg = registry.load_env_cfg(WALKING, play)
     action, pose = cfg.actions["joint_pos"], cfg.rewards["pose"].params
-    action.actuator_names, action.scale = OWNED, _owned(action.scale)
-    pose["asset_cfg"].joint_names = OWNED
+    action.actuator_names, action.scale = rules.OWNED, _owned(action.scale)
+    pose["asset_cfg"].joint_names = rules.OWNED
     for name in ("std_standing", "std_walking", "std_running"):
         pose[name] = _owned(pose[name])
     cfg.actions["harness"] = HarnessCfg(entity_name="robot")
@@ -146,4 +136,4 @@ def _owned(values: dict[str, float]) -> dict[str, float]:
 
 
 walking = registry.load_rl_cfg(WALKING), registry.load_runner_cls(WALKING)
-registry.register_mjlab_task(TASK, config(False), config(True), *walking)
+registry.register_mjlab_task(rules.TASK, config(False), config(True), *walking)

@@ -269,8 +269,12 @@ class Robot:
             most = self._disturbances.push
             self._twist()[:2] += self._rng.uniform(-most, most, 2)
         mujoco.mj_forward(self.model, self.data)
-        broken = any(self.data.warning[kind].number for kind in BROKEN)
-        return Step(broken or not self._turn()[2, 2] > FALLEN, self.velocity(), power)
+        fallen = self.broken() or not self._turn()[2, 2] > FALLEN
+        return Step(fallen, self.velocity(), power)
+
+    def broken(self) -> bool:
+        """Return whether MuJoCo has reset a state that is not finite or too large."""
+        return any(self.data.warning[kind].number for kind in BROKEN)
 
     def velocity(self) -> Array:
         """Return the velocity (3,) that a `Step` has."""

@@ -1,0 +1,59 @@
+"""Score trade-offs of a run by the rules of the teleop-walking-benchmark, in C MuJoCo.
+
+    python benchmarks/tour.py runs/tour --tradeoffs 16 --runs 64 --output rows.csv
+
+Writes a row for each trade-off. RUN is a run of Mjlab-Tour-Flat-Unitree-G1, which is exported with
+mjlab, or the folder of an export whose trade-off is an input.
+"""
+
+import csv
+import tempfile
+from pathlib import Path
+
+import tyro
+
+from morlax_torch.commands import export
+from morlax_torch.commands.terminal.cli import console
+from morlax_torch.configuration.tradeoffs import even_tradeoffs
+from morlax_torch.exports.deployment import SETTINGS
+from morlax_torch.viewers.playing.robot import open_export
+from morlax_torch.viewers.playing.tour import WALK, score
+
+
+def main(
+    run: tyro.conf.Positional[Path],
+    tradeoffs: int = 16,
+    runs: int = 64,
+    seconds: float = WALK,
+    output: Path = Path("tour.csv"),
+) -> None:
+    """Write the columns of the benchmark's table for each trade-off.
+
+    Args:
+        run: Folder of a run or of an export.
+        tradeoffs: Number of trade-offs, spread evenly.
+        runs: Number of runs of each.
+        seconds: Duration of a run.
+        output: CSV file of rows.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        if not (run / SETTINGS).exists():
+            export.command([str(run), "--output", f"{folder}/family.onnx"])
+            run = Path(folder)
+        objectives = open_export(run).settings.objectives
+        with output.open("w", newline="") as file:
+            writer = None
+            for weights in even_tradeoffs(tradeoffs, len(objectives)).tolist():
+                row = dict(zip(objectives, weights, strict=True))
+                row |= score(run, runs, weights, seconds) | {"runs": runs, "seconds": seconds}
+                row = {name: f"{value:.4g}" for name, value in row.items()}
+                if writer is None:
+                    writer = csv.DictWriter(file, row)
+                    writer.writeheader()
+                writer.writerow(row)
+                file.flush()
+                console.print(", ".join(f"{name} {value}" for name, value in row.items()))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
