@@ -219,10 +219,11 @@ def differences_figure(runs: Runs, ours: str) -> Figure:
                 axes.plot(shares[task], [row] * len(shares[task]), "o", color="C0", ms=3)
     for axes, task in zip(plots, runs, strict=True):
         axes.axvline(0, color="black", lw=0.8)
-        axes.set(xlabel=f"% of {ours}'s hypervolume", title=task)
+        axes.set_title(task)
         axes.set_yticks(range(len(methods)), methods)
         axes.spines[["top", "right"]].set_visible(False)
     plots[0].invert_yaxis()
+    figure.supxlabel(f"hypervolume, difference to {ours} in %", fontsize="medium")
     return figure
 
 
