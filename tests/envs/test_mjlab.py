@@ -2,6 +2,7 @@
 
 import csv
 import json
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ pytest.importorskip("mjlab", reason="needs the extra mjlab")
 GO1 = "mjlab:Mjlab-Velocity-Flat-Unitree-Go1"
 TOUR = "mjlab:Mjlab-Tour-Flat-Unitree-G1"
 G1 = "mjlab:Mjlab-Velocity-Flat-Unitree-G1"
+ROUGH = "mjlab:Mjlab-Velocity-Rough-Unitree-Go1"
 CARTPOLE = "mjlab:Mjlab-Cartpole-Balance"
 
 
@@ -316,18 +318,35 @@ class NoCopies(TorchFunctionMode):
         return func(*args, **(kwargs or {}))
 
 
-@pytest.mark.parametrize("name", [GO1, G1])
-def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
+@pytest.mark.parametrize("name", [GO1, G1, ROUGH])
+def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch):
     def limited(cfg: Any) -> None:
         (action,) = cfg.actions.values()
         action.clip = {".*": (-0.5, 0.5)}
+        if name == ROUGH:
+            cfg.curriculum = {"levels": worlds.load(ROUGH).curriculum["terrain_levels"]}
+            robust.harden(cfg)
+            cfg.events = {key: event for key, event in cfg.events.items() if event.mode != "startup"}
 
+    def fixed(like: torch.Tensor, most: int) -> torch.Tensor:
+        return torch.tensor([0, 3, 6]) if most == 9 else torch.full_like(like, 4)  # lags, or levels
+
+    robust = import_module("morlax_torch.envs.bridges.mjlab.robust")
+    monkeypatch.setattr(torch, "randint_like", fixed)
     options = {"pushed": True, "edit": limited, "episode_length_s": 0.4}
     own, ours = (calm(name, 3, **options) for _ in range(2))
+    for env in (own, ours) if name == ROUGH else ():
+        terrain, none = env.scene.terrain, torch.zeros(3, dtype=torch.bool)
+        terrain.terrain_levels[:] = torch.tensor([4, 9, 9])
+        terrain.update_env_origins(torch.arange(3), none, none)
+        env.reset()
+        ground = terrain.cfg.terrain_generator
+        ground.size, ground.border_width = (0.06, 0.06), 100.0  # m; half a size is far
     ages = torch.tensor([0, 7, 13])  # of episodes of 20 steps
     for env in (own, ours):
         env.episode_length_buf.copy_(ages)
-    step, feet = MaskedStep(ours, ("actor", "critic")), 4 if name == GO1 else 2
+    step, feet = MaskedStep(ours, ("actor", "critic")), 2 if name == G1 else 4
+    climbs: list[torch.Tensor] = []
     for number in range(30):  # the third world restarts twice
         action = 0.3 * torch.randn(3, own.action_manager.total_action_dim, generator=generator)
         groups, _, terminated, timed_out, _ = own.step(action)
@@ -341,10 +360,62 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
         seen, ending, failed, late = found
         assert torch.equal(groups["actor"], seen["actor"])
         assert torch.equal(groups["critic"][:, known], seen["critic"][:, known])
-        assert torch.equal(own.reward_manager._step_reward, ours.reward_manager._step_reward)
+        rewards = own.reward_manager._step_reward, ours.reward_manager._step_reward
+        torch.testing.assert_close(*rewards, rtol=0, atol=1e-5 if name == ROUGH else 0)
         assert torch.equal(terminated, failed) and torch.equal(timed_out, late)
         over = terminated | timed_out
         assert (ending["actor"] != seen["actor"]).any(1)[over].all()
+        if name == ROUGH:
+            climbs.append(own.scene.terrain.terrain_levels.clone())
+            assert torch.equal(climbs[-1], ours.scene.terrain.terrain_levels)
+            assert torch.equal(own.scene.terrain.env_origins, ours.scene.terrain.env_origins)
+    moved = torch.stack(climbs).diff(dim=0).unique().tolist() if climbs else [-1, 0, 1]
+    assert moved == [-1, 0, 1]
+
+
+def test_robust_worlds_differ_and_their_actions_arrive_late(monkeypatch, generator):
+    env = envs.make(GO1, 32, "cpu", robust=True, auto_reset=False, stagger=False)
+    env.reset()
+    sim, late = env.env.sim, env.env.action_manager.get_term("joint_pos")
+    lags, applied, physics = late._lag.clone(), [], sim.step
+    monkeypatch.setattr(sim, "step", lambda: (applied.append(sim.data.ctrl[:].clone()), physics()))
+    start, targets = late._offset, []
+    for _ in range(6):
+        action = torch.rand(32, env.action_size, generator=generator)
+        env.step(action)
+        targets.append(start + action * late._scale)
+    assert lags.unique().tolist() == [*range(9)]  # physics steps of 5 ms: 0 to 40 ms
+    bias = env.env.scene["robot"].data.encoder_bias
+    for world, lag in enumerate(lags.tolist()):
+        for number, ctrl in enumerate(applied):  # four of each control step
+            sent = (number - lag) // 4
+            expected = (start if sent < 0 else targets[sent])[world] - bias[world]
+            torch.testing.assert_close(ctrl[world, _controls(env.env)], expected)
+    env.reset()
+    assert (late._lag != lags).any()
+
+    model, usual = sim.model, sim.get_default_field
+    trunk = sim.mj_model.body("robot/trunk").id
+    ratios = {
+        0.15: model.body_mass[:, trunk, None] / usual("body_mass")[trunk],
+        0.2: model.actuator_gainprm[..., 0] / usual("actuator_gainprm")[:, 0],
+        0.2001: model.actuator_forcerange[..., 1] / usual("actuator_forcerange")[:, 1],
+        0.2002: model.actuator_biasprm[..., 2] / usual("actuator_biasprm")[:, 2],
+    }
+    for span, ratio in ratios.items():
+        assert (ratio - 1).abs().max() < span + 1e-4 and len(ratio.unique()) > 30
+        assert ratio.min() < 1 - 0.8 * span and ratio.max() > 1 + 0.8 * span
+    assert model.body_inertia[:, trunk].std(0).min() > 0
+    pushes = [env.env.event_manager.get_term_cfg("push_robot").params["velocity_range"]["x"]]
+    assert pushes == [(-0.75, 0.75)]
+    with pytest.raises(MorlaxError, match="no task of walking: leave task.robust out"):
+        envs.make(CARTPOLE, 1, "cpu", robust=True)
+
+
+def _controls(env: Any) -> torch.Tensor:
+    """Return the controls of the joints that actions move, in their order."""
+    joints = [env.sim.mj_model.joint(f"robot/{name}").id for name in env.scene["robot"].joint_names]
+    return torch.tensor([env.sim.mj_model.actuator_trnid[:, 0].tolist().index(x) for x in joints])
 
 
 @pytest.mark.gpu

@@ -44,6 +44,7 @@ class MjlabRobot(MjlabWorlds, Robot):
     """Worlds of mjlab on the CPU whose command stays as it is until someone changes it."""
 
     def _open(self, seed: int) -> None:
+        self.options = self.options.model_copy(update={"robust": False})  # the robot as it is built
         super()._open(seed)
         data, model = self.env.sim.data, self.env.sim.mj_model
         model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away

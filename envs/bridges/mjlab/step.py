@@ -7,6 +7,7 @@ has the same distribution. mjlab's logs and metrics are left out.
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import mujoco_warp
@@ -17,7 +18,11 @@ from torch.overrides import TorchFunctionMode
 
 from ...worlds.episodes import refill
 
-EVENTS = ("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting_velocity")
+EVENTS = (
+    *("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting_velocity"),
+    "randomize_terrain",
+)
+LEVELS = "terrain_levels_vel"  # of the curriculum
 COMMAND = "UniformVelocityCommand"
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
 
@@ -104,6 +109,8 @@ class MaskedStep:
     def _restart(self, over: Tensor) -> None:
         """Start new episodes in the worlds of a mask (N,)."""
         env, sim = self.env, self.env.sim
+        for term in self._curriculum():
+            _climb(env, over, **term.params)
         sim._reset_mask[:] = over
         with wp.ScopedDevice(sim.wp_device):
             mujoco_warp.reset_data(sim.wp_model, sim.wp_data, reset=sim._reset_mask_wp)
@@ -125,6 +132,9 @@ class MaskedStep:
             _draw(twist, over)
         env.scene.write_data_to_sim()
 
+    def _curriculum(self) -> list[Any]:
+        return getattr(self.env.curriculum_manager, "_term_cfgs", [])
+
     def _run(self, term: Any) -> None:
         term.func(self.env, self.everyone, **term.params)
 
@@ -141,7 +151,10 @@ class MaskedStep:
 
 
 class Constants(TorchFunctionMode):
-    """Keeps tensors of numbers and indices, since a recording cannot copy these to a GPU."""
+    """Keeps tensors of numbers and indices, since a recording cannot copy these to a GPU.
+
+    Eigenvectors are computed without reading from the GPU, too.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -151,6 +164,9 @@ class Constants(TorchFunctionMode):
         self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Any = None
     ) -> Any:
         kwargs = kwargs or {}
+        if func is torch.linalg.eigh:  # reads errors from the GPU; mjlab's own is for 3 x 3
+            with self:
+                return import_module("mjlab.envs.mdp.dr.body")._eigh_3x3_jacobi(*args)
         if func is torch.tensor:
             return self._keep((repr(args), repr(kwargs)), lambda: func(*args, **kwargs)).clone()
         if func in (Tensor.__getitem__, Tensor.__setitem__):
@@ -214,6 +230,17 @@ def _pass_time(twist: Any, dt: Tensor) -> None:
         kept.masked_fill_(twist.is_standing_env[:, None], 0.0)
 
 
+def _climb(env: Any, over: Tensor, command_name: str) -> None:
+    """Move robots of a mask (N,) up or down by one level of ground, by how far they walked."""
+    terrain, command = env.scene.terrain, env.command_manager.get_command(command_name)
+    position = env.command_manager.get_term(command_name).robot.data.root_link_pos_w
+    walked = (position - terrain.env_origins)[:, :2].norm(dim=1)
+    up = walked > terrain.cfg.terrain_generator.size[0] / 2
+    down = ~up & (walked < 0.5 * command[:, :2].norm(dim=1) * env.max_episode_length_s)
+    everyone = torch.arange(env.num_envs, device=env.device)
+    terrain.update_env_origins(everyone, up & over, down & over)
+
+
 def supported(cfg: Any) -> bool:
     """Return whether `MaskedStep` can step environments with this config."""
     events = [
@@ -227,7 +254,11 @@ def supported(cfg: Any) -> bool:
         type(command).__name__ == f"{COMMAND}Cfg" and not command.init_velocity_prob
         for command in cfg.commands.values()
     ]
-    return all(events) and all(commands) and not cfg.curriculum and not cfg.is_finite_horizon
+    levels = [
+        term.func.__name__ == LEVELS and [*term.params] == ["command_name"]
+        for term in cfg.curriculum.values()
+    ]
+    return all([*events, *commands, *levels]) and not cfg.is_finite_horizon
 
 
 def _yaw(frames: Tensor) -> Tensor:
