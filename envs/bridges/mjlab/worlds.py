@@ -152,9 +152,9 @@ class MjlabWorlds(ForeignWorlds):
         assert self._walking is not None
         return self._walking.measure()
 
-    def quantify(self, means: np.ndarray) -> np.ndarray:
+    def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
         assert self._walking is not None
-        return self._walking.quantify(means)
+        return self._walking.quantify(means, falls)
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         return mirror_of(self.env, self.groups, tolerance, self.lengths)
