@@ -59,7 +59,7 @@ class Walking:
         return torch.cat([torch.stack(numbers, 1), (torque / self._limits).square()], 1)
 
     def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
-        """Return quantities (K, 10) from means over time (K, COLUMNS + joints), and falls per step."""
+        """Return quantities (K, q) from means over time (K, COLUMNS + joints), and falls a step."""
         numbers, joints = means[:, :COLUMNS].T, means[:, COLUMNS:]
         error, speed, along, asked, power, torque, jolts, drift, standing = numbers
         weight = self._model.body_mass.sum() * np.linalg.norm(self._model.opt.gravity)
