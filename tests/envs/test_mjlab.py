@@ -1,6 +1,7 @@
 """Tasks of mjlab: their rewards, their last observations, and runs in them."""
 
 import csv
+import io
 import json
 from dataclasses import replace
 from importlib import import_module
@@ -327,20 +328,26 @@ class NoCopies(TorchFunctionMode):
         return func(*args, **(kwargs or {}))
 
 
+def harder(cfg: Any) -> None:
+    """Let robots go from level to level of uneven ground, and act late; draw nothing else."""
+    cfg.curriculum = {"levels": worlds.load(ROUGH).curriculum["terrain_levels"]}
+    import_module("morlax_torch.envs.bridges.mjlab.robust").harden(cfg)
+    cfg.events = {key: event for key, event in cfg.events.items() if event.mode != "startup"}
+
+
+def fixed(like: torch.Tensor, most: int) -> torch.Tensor:
+    """Return the lags of three worlds, or the level of ground after the last one."""
+    return 3 * torch.arange(3, device=like.device) if most == 9 else torch.full_like(like, 4)
+
+
 @pytest.mark.parametrize("name", [GO1, G1, ROUGH])
 def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch):
     def limited(cfg: Any) -> None:
         (action,) = cfg.actions.values()
         action.clip = {".*": (-0.5, 0.5)}
         if name == ROUGH:
-            cfg.curriculum = {"levels": worlds.load(ROUGH).curriculum["terrain_levels"]}
-            robust.harden(cfg)
-            cfg.events = {key: it for key, it in cfg.events.items() if it.mode != "startup"}
+            harder(cfg)
 
-    def fixed(like: torch.Tensor, most: int) -> torch.Tensor:
-        return torch.tensor([0, 3, 6]) if most == 9 else torch.full_like(like, 4)  # lags, or levels
-
-    robust = import_module("morlax_torch.envs.bridges.mjlab.robust")
     monkeypatch.setattr(torch, "randint_like", fixed)
     options = {"pushed": True, "edit": limited, "episode_length_s": 0.4}
     own, ours = (calm(name, 3, **options) for _ in range(2))
@@ -383,7 +390,7 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch
 
 
 def test_robust_worlds_differ_and_their_actions_arrive_late(monkeypatch, generator):
-    env = envs.make(GO1, 32, "cpu", robust=True, auto_reset=False, stagger=False)
+    env = envs.make(GO1, 32, "cpu", robust=True, auto_reset=False, history={"joint_*": 2})
     env.reset()
     sim, late = env.env.sim, env.env.action_manager.get_term("joint_pos")
     lags, applied, physics = late._lag.clone(), [], sim.step
@@ -394,44 +401,56 @@ def test_robust_worlds_differ_and_their_actions_arrive_late(monkeypatch, generat
         env.step(action)
         targets.append(start + action * late._scale)
     assert lags.unique().tolist() == [*range(9)]  # physics steps of 5 ms: 0 to 40 ms
-    bias = env.env.scene["robot"].data.encoder_bias
+    robot, model = env.env.scene["robot"], sim.mj_model
+    joints = [model.joint(f"robot/{name}").id for name in robot.joint_names]
+    controls = [model.actuator_trnid[:, 0].tolist().index(joint) for joint in joints]
     for world, lag in enumerate(lags.tolist()):
         for number, ctrl in enumerate(applied):  # four of each control step
             sent = (number - lag) // 4
-            expected = (start if sent < 0 else targets[sent])[world] - bias[world]
-            torch.testing.assert_close(ctrl[world, _controls(env.env)], expected)
+            target = (start if sent < 0 else targets[sent])[world] - robot.data.encoder_bias[world]
+            torch.testing.assert_close(ctrl[world, controls], target)
     env.reset()
     assert (late._lag != lags).any()
 
-    model, usual = sim.model, sim.get_default_field
-    trunk = sim.mj_model.body("robot/trunk").id
-    ratios = {
-        0.15: model.body_mass[:, trunk, None] / usual("body_mass")[trunk],
-        0.2: model.actuator_gainprm[..., 0] / usual("actuator_gainprm")[:, 0],
-        0.2001: model.actuator_forcerange[..., 1] / usual("actuator_forcerange")[:, 1],
-        0.2002: model.actuator_biasprm[..., 2] / usual("actuator_biasprm")[:, 2],
-    }
-    for span, ratio in ratios.items():
-        assert (ratio - 1).abs().max() < span + 1e-4 and len(ratio.unique()) > 30
-        assert ratio.min() < 1 - 0.8 * span and ratio.max() > 1 + 0.8 * span
-    assert model.body_inertia[:, trunk].std(0).min() > 0
-    pushes = [env.env.event_manager.get_term_cfg("push_robot").params["velocity_range"]["x"]]
-    assert pushes == [(-0.75, 0.75)]
-    with pytest.raises(MorlaxError, match="no task of walking: leave task"):
+    trunk = model.body("robot/trunk").id
+    columns = [  # of the model, and the largest share by which they differ
+        ("body_mass", trunk, 0.15),
+        ("actuator_gainprm", (slice(None), 0), 0.2),
+        ("actuator_biasprm", (slice(None), 2), 0.2),
+        ("actuator_forcerange", (slice(None), 1), 0.2),
+    ]
+    for name, column, span in columns:
+        usual = torch.from_numpy(getattr(model, name)).float()[column]
+        apart = getattr(sim.model, name)[:].view(32, *getattr(model, name).shape)
+        column = column if isinstance(column, tuple) else (column,)
+        ratio = apart[(slice(None), *column)] / usual - 1
+        assert (ratio.abs() < span + 1e-4).all() and ratio.min() < -0.8 * span < 0
+        assert ratio.max() > 0.8 * span and len(ratio.flatten().unique()) >= 32
+    push = env.env.event_manager.get_term_cfg("push_robot").params["velocity_range"]
+    assert push["x"] == (-0.75, 0.75)
+
+
+def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
+    robot = envs.make_robot(ROUGH, robust=True)
+    assert type(robot.env.action_manager.get_term("joint_pos")).__name__ == "JointPositionAction"
+    model = mujoco.MjSpec.from_zip(io.BytesIO(robot.deployment().model)).compile()
+    on_ground = model.geom_bodyid == model.body("terrain").id
+    assert model.nhfield == 0
+    assert model.geom_type[on_ground].tolist() == [mujoco.mjtGeom.mjGEOM_PLANE]
+    options = worlds.from_task(ROUGH).Options(curriculum=True, robust=True, sensors="real")
+    assert worlds.supported(worlds.changed(ROUGH, options, 2, 0))
+    with pytest.raises(MorlaxError, match=r"no command of velocity: leave task\.robust out"):
         envs.make(CARTPOLE, 1, "cpu", robust=True)
-
-
-def _controls(env: Any) -> torch.Tensor:
-    """Return the controls of the joints that actions move, in their order."""
-    joints = [env.sim.mj_model.joint(f"robot/{name}").id for name in env.scene["robot"].joint_names]
-    return torch.tensor([env.sim.mj_model.actuator_trnid[:, 0].tolist().index(x) for x in joints])
 
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-@pytest.mark.parametrize("name", [GO1, G1])
-def test_a_recorded_step_follows_mjlab_s(name, generator):
-    own, ours = (calm(name, 3, "cuda", pushed=True, episode_length_s=0.4) for _ in range(2))
+@pytest.mark.parametrize("name", [GO1, G1, ROUGH])
+def test_a_recorded_step_follows_mjlab_s(name, generator, monkeypatch):
+    monkeypatch.setattr(torch, "randint_like", fixed)
+    edits = {"edit": harder} if name == ROUGH else {}
+    options = {"pushed": True, "episode_length_s": 0.4, **edits}
+    own, ours = (calm(name, 3, "cuda", **options) for _ in range(2))
     for env in (own, ours):
         env.episode_length_buf.copy_(torch.tensor([0, 7, 13]))
     step, size = MaskedStep(ours, ("actor",)), own.action_manager.total_action_dim
@@ -471,8 +490,10 @@ def test_commands_that_our_step_draws_are_distributed_like_mjlab_s(monkeypatch):
     torch.testing.assert_close(found[0], found[1], rtol=0.1, atol=0.1)
 
 
-def test_worlds_of_the_same_episode_draw_alike():
-    go1 = envs.make(GO1, 6, "cpu", auto_reset=False, commands={"twist.lin_vel_x": (-2.0, 2.0)})
+@pytest.mark.parametrize("name", [GO1, ROUGH])
+def test_worlds_of_the_same_episode_draw_alike(name):
+    options = {"commands": {"twist.lin_vel_x": (-2.0, 2.0)}, "robust": name == ROUGH}
+    go1 = envs.make(name, 6, "cpu", auto_reset=False, **options)
     go1.share_draws(torch.arange(6) // 3, 2)
     seen, term = go1.reset(), go1.env.command_manager.get_term("twist")
     for _ in range(12):
@@ -482,9 +503,12 @@ def test_worlds_of_the_same_episode_draw_alike():
         assert (one - other).abs().max() > 0.3
         term.time_left -= 1.0  # draw new commands sooner
         seen = go1.step(torch.zeros(6, 12)).observation
-    for name in ("geom_friction", "body_ipos"):
-        model = getattr(go1.env.sim.model, name)
-        assert (model[0] == model[2]).all() and (model[0] != model[3]).any()
+    drawn = [go1.env.sim.model.geom_friction, go1.env.sim.model.body_ipos]
+    if name == ROUGH:
+        late = go1.env.action_manager.get_term("joint_pos")
+        drawn += [go1.env.sim.model.body_mass, late._lag, go1.env.scene.terrain.env_origins]
+    for values in drawn:
+        assert (values[0] == values[2]).all() and (values[0] != values[3]).any()
 
 
 def test_without_a_gpu_the_best_of_the_front_is_chosen():

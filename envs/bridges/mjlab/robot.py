@@ -227,8 +227,7 @@ def _flatten(spec: mujoco.MjSpec) -> None:
     pictures = [thing for thing in (*spec.materials, *spec.textures) if thing.name[:3] == "hf_"]
     for thing in (*ground.geoms, *spec.hfields, *pictures):
         spec.delete(thing)
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    ground.add_geom(name="terrain", type=plane, size=[0, 0, 0.01], material="groundplane")
+    ground.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.01], material="groundplane")
 
 
 def _read(env: Any, path: str) -> bytes:

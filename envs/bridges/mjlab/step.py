@@ -109,8 +109,8 @@ class MaskedStep:
     def _restart(self, over: Tensor) -> None:
         """Start new episodes in the worlds of a mask (N,)."""
         env, sim = self.env, self.env.sim
-        for term in self._curriculum():
-            _climb(env, over, **term.params)
+        for term in getattr(env.curriculum_manager, "_term_cfgs", []):
+            self._climb(over, **term.params)
         sim._reset_mask[:] = over
         with wp.ScopedDevice(sim.wp_device):
             mujoco_warp.reset_data(sim.wp_model, sim.wp_data, reset=sim._reset_mask_wp)
@@ -132,8 +132,13 @@ class MaskedStep:
             _draw(twist, over)
         env.scene.write_data_to_sim()
 
-    def _curriculum(self) -> list[Any]:
-        return getattr(self.env.curriculum_manager, "_term_cfgs", [])
+    def _climb(self, over: Tensor, command_name: str) -> None:
+        """Move robots of a mask (N,) up or down by one level of ground, by how far they walked."""
+        terrain, twist = self.env.scene.terrain, self.env.command_manager.get_term(command_name)
+        walked = (twist.robot.data.root_link_pos_w - terrain.env_origins)[:, :2].norm(dim=1)
+        up = walked > terrain.cfg.terrain_generator.size[0] / 2
+        wish = twist.command[:, :2].norm(dim=1) * self.env.max_episode_length_s
+        terrain.update_env_origins(self.everyone, up & over, ~up & (walked < wish * 0.5) & over)
 
     def _run(self, term: Any) -> None:
         term.func(self.env, self.everyone, **term.params)
@@ -151,10 +156,7 @@ class MaskedStep:
 
 
 class Constants(TorchFunctionMode):
-    """Keeps tensors of numbers and indices, since a recording cannot copy these to a GPU.
-
-    Eigenvectors are computed without reading from the GPU, too.
-    """
+    """Keeps tensors of numbers and indices, since a recording cannot copy these to a GPU."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -228,17 +230,6 @@ def _pass_time(twist: Any, dt: Tensor) -> None:
     refill(twist.is_world_env, turned, command[:, :2])
     for kept in (command, twist.vel_command_w):
         kept.masked_fill_(twist.is_standing_env[:, None], 0.0)
-
-
-def _climb(env: Any, over: Tensor, command_name: str) -> None:
-    """Move robots of a mask (N,) up or down by one level of ground, by how far they walked."""
-    terrain, command = env.scene.terrain, env.command_manager.get_command(command_name)
-    position = env.command_manager.get_term(command_name).robot.data.root_link_pos_w
-    walked = (position - terrain.env_origins)[:, :2].norm(dim=1)
-    up = walked > terrain.cfg.terrain_generator.size[0] / 2
-    down = ~up & (walked < 0.5 * command[:, :2].norm(dim=1) * env.max_episode_length_s)
-    everyone = torch.arange(env.num_envs, device=env.device)
-    terrain.update_env_origins(everyone, up & over, down & over)
 
 
 def supported(cfg: Any) -> bool:

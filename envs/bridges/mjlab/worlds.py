@@ -54,8 +54,7 @@ class MjlabOptions(ObjectiveOptions):
     curriculum: bool = False
     """Make the task harder while training goes on, as mjlab does."""
     robust: bool = False
-    """Let motors, masses and delays of actions differ between worlds, and push harder; for robots
-    that walk."""
+    """Let motors, masses and delays of actions differ, and push harder; for robots that walk."""
     stagger: bool = True
 
 
@@ -304,7 +303,7 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
     _ready_terrain(cfg)
     if options.robust:
         if not any(type(command).__name__ == f"{COMMAND}Cfg" for command in cfg.commands.values()):
-            raise MorlaxError(f"{name} is no task of walking: leave task.robust out.")
+            raise MorlaxError(f"{name} has no command of velocity: leave task.robust out.")
         import_module(".robust", __package__).harden(cfg)
     cfg.scene.num_envs, cfg.seed = num_worlds, seed % 2**31
     cfg.episode_length_s = options.episode_length * cfg.sim.mujoco.timestep * cfg.decimation
@@ -313,18 +312,15 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
 
 def _ready_terrain(cfg: Any) -> None:
     """Let robots on rough ground go from level to level, or start anywhere, as in mjlab's play."""
-    terrain = getattr(cfg.scene, "terrain", None)
-    if terrain is None or terrain.terrain_type != "generator":
+    if getattr(cfg.scene.terrain, "terrain_type", None) != "generator":
         return
-    if cfg.curriculum:
-        # mjlab's faster commands come only after 120,000 control steps, and cannot be recorded
-        levels = {k: v for k, v in cfg.curriculum.items() if v.func.__name__ == LEVELS}
-        cfg.curriculum = levels or cfg.curriculum
-        return
-    anywhere = import_module("mjlab.managers").EventTermCfg(
-        mode="reset", func=import_module("mjlab.envs.mdp").randomize_terrain
-    )
-    cfg.events = {"randomize_terrain": anywhere, **cfg.events}
+    # mjlab's faster commands come only after 120,000 control steps, and cannot be recorded
+    levels = {key: term for key, term in cfg.curriculum.items() if term.func.__name__ == LEVELS}
+    cfg.curriculum = levels or cfg.curriculum
+    if not cfg.curriculum:
+        anywhere = import_module("mjlab.envs.mdp").randomize_terrain
+        event = import_module("mjlab.managers").EventTermCfg(mode="reset", func=anywhere)
+        cfg.events = {"randomize_terrain": event, **cfg.events}
 
 
 def remembers(cfg: Any) -> bool:
