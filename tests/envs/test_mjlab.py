@@ -437,8 +437,10 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
     on_ground = model.geom_bodyid == model.body("terrain").id
     assert model.nhfield == 0
     assert model.geom_type[on_ground].tolist() == [mujoco.mjtGeom.mjGEOM_PLANE]
-    options = worlds.from_task(ROUGH).Options(curriculum=True, robust=True, sensors="real")
-    assert worlds.supported(worlds.changed(ROUGH, options, 2, 0))
+    for name in (ROUGH, ROUGH.replace("Go1", "G1")):
+        config, _, _ = read(["--env", name, "--device", "cpu"])
+        assert config.task.robust and config.task.curriculum and config.task.sensors == "real"
+        assert worlds.supported(worlds.changed(name, config.task, 2, 0))
     with pytest.raises(MorlaxError, match=r"no command of velocity: leave task\.robust out"):
         envs.make(CARTPOLE, 1, "cpu", robust=True)
 
