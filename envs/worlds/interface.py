@@ -151,10 +151,10 @@ class Worlds(ABC):
         """Return numbers of the last step (N, S), for `quantify`."""
         return torch.zeros(self.num_worlds, 0, dtype=torch.float32, device=self.device)
 
-    def quantify(self, means: np.ndarray) -> np.ndarray:
+    def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
         """Compute the `quantities` (K, q) from means of `measure` (K, S) over whole episodes.
 
-        By default they are those means.
+        `falls` (K,) are failed episodes per step. By default, quantities are those means.
         """
         return means
 

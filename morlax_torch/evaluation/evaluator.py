@@ -179,7 +179,8 @@ class Evaluator:
         if not self.env.quantities:
             return front
         *sums, steps = episodes[..., m:-4].sum(0).T
-        quantities = self.env.quantify((np.stack(sums) / steps.clip(1)).T)
+        measured = (np.stack(sums) / steps.clip(1)).T
+        quantities = self.env.quantify(measured, falls / lengths.clip(1))
         return front._replace(quantities=quantities, quantity_names=self.env.quantities)
 
     def _some_steps(self) -> None:

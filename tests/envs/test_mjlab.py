@@ -1,7 +1,10 @@
 """Tasks of mjlab: their rewards, their last observations, and runs in them."""
 
 import csv
+import io
 import json
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +39,7 @@ pytest.importorskip("mjlab", reason="needs the extra mjlab")
 GO1 = "mjlab:Mjlab-Velocity-Flat-Unitree-Go1"
 TOUR = "mjlab:Mjlab-Tour-Flat-Unitree-G1"
 G1 = "mjlab:Mjlab-Velocity-Flat-Unitree-G1"
+ROUGH = "mjlab:Mjlab-Velocity-Rough-Unitree-Go1"
 CARTPOLE = "mjlab:Mjlab-Cartpole-Balance"
 
 
@@ -238,14 +242,21 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys
     assert lazy["policy"] == lazy["non-dominated"] == ""
 
 
-@pytest.mark.parametrize(("name", "history"), [(GO1, 0), (G1, 0), (GO1, 5)])
+@pytest.mark.parametrize(("name", "history"), [(GO1, 0), (G1, 0), (GO1, 5), (ROUGH, 0)])
 def test_a_robot_moves_like_its_mirror_image(name, history, generator):
     def remember(cfg: Any) -> None:
         if history:
             cfg.observations["actor"].history_length = history
             cfg.observations["critic"].terms["joint_pos"].history_length = history - 2
+        if name == ROUGH:  # the ground has a mirror image, too: a pyramid
+            ground = cfg.scene.terrain.terrain_generator
+            ground.num_rows, ground.difficulty_range = 2, (0.4, 0.4)
+            stairs = replace(ground.sub_terrains["pyramid_stairs"], platform_width=0.7)
+            ground.sub_terrains = {"stairs": stairs}
 
     env = calm(name, 2, edit=remember)
+    if name == ROUGH:
+        env.sim.data.qpos[:, 1] += torch.tensor([0.7, -0.7])  # to the left and the right of its top
     mirror = mirror_of(env, ["actor", "critic"], tolerance=0.01)
     env.command_manager.get_command("twist")[1, 1:] *= -1
     action = torch.zeros(env.action_manager.total_action_dim)
@@ -254,8 +265,9 @@ def test_a_robot_moves_like_its_mirror_image(name, history, generator):
         action = 0.8 * action + 0.4 * torch.randn(action.shape, generator=generator)
         groups, *_ = env.step(torch.stack([action, mirror.action(action)]))
         one, other = torch.cat([groups["actor"], groups["critic"]], 1)
-        apart.append((mirror.observation(one) - other).abs())
-        moved.append((one - other).abs())
+        seen = slice(48, 235) if name == ROUGH else slice(None)  # the actor's scan of the ground
+        apart.append((mirror.observation(one) - other)[seen].abs())
+        moved.append((one - other)[seen].abs())
     # models are made of measured parts, whose left and right differ by millimeters
     assert torch.stack(apart).mean() < 0.03 * torch.stack(moved).mean()
 
@@ -316,18 +328,41 @@ class NoCopies(TorchFunctionMode):
         return func(*args, **(kwargs or {}))
 
 
-@pytest.mark.parametrize("name", [GO1, G1])
-def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
+def harder(cfg: Any) -> None:
+    """Let robots go from level to level of uneven ground, and act late; draw nothing else."""
+    cfg.curriculum = {"levels": worlds.load(ROUGH).curriculum["terrain_levels"]}
+    import_module("morlax_torch.envs.bridges.mjlab.robust").harden(cfg)
+    cfg.events = {key: event for key, event in cfg.events.items() if event.mode != "startup"}
+
+
+def fixed(like: torch.Tensor, most: int) -> torch.Tensor:
+    """Return the lags of three worlds, or the level of ground after the last one."""
+    return 3 * torch.arange(3, device=like.device) if most == 9 else torch.full_like(like, 4)
+
+
+@pytest.mark.parametrize("name", [GO1, G1, ROUGH])
+def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch):
     def limited(cfg: Any) -> None:
         (action,) = cfg.actions.values()
         action.clip = {".*": (-0.5, 0.5)}
+        if name == ROUGH:
+            harder(cfg)
 
+    monkeypatch.setattr(torch, "randint_like", fixed)
     options = {"pushed": True, "edit": limited, "episode_length_s": 0.4}
     own, ours = (calm(name, 3, **options) for _ in range(2))
+    for env in (own, ours) if name == ROUGH else ():
+        terrain, none = env.scene.terrain, torch.zeros(3, dtype=torch.bool)
+        terrain.terrain_levels[:] = torch.tensor([4, 9, 9])
+        terrain.update_env_origins(torch.arange(3), none, none)
+        env.reset()
+        ground = terrain.cfg.terrain_generator
+        ground.size, ground.border_width = (0.06, 0.06), 100.0  # m; half a size is far
     ages = torch.tensor([0, 7, 13])  # of episodes of 20 steps
     for env in (own, ours):
         env.episode_length_buf.copy_(ages)
-    step, feet = MaskedStep(ours, ("actor", "critic")), 4 if name == GO1 else 2
+    step, feet = MaskedStep(ours, ("actor", "critic")), 2 if name == G1 else 4
+    climbs: list[torch.Tensor] = []
     for number in range(30):  # the third world restarts twice
         action = 0.3 * torch.randn(3, own.action_manager.total_action_dim, generator=generator)
         groups, _, terminated, timed_out, _ = own.step(action)
@@ -341,17 +376,83 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator):
         seen, ending, failed, late = found
         assert torch.equal(groups["actor"], seen["actor"])
         assert torch.equal(groups["critic"][:, known], seen["critic"][:, known])
-        assert torch.equal(own.reward_manager._step_reward, ours.reward_manager._step_reward)
+        rewards = own.reward_manager._step_reward, ours.reward_manager._step_reward
+        torch.testing.assert_close(*rewards, rtol=0, atol=1e-5 if name == ROUGH else 0)
         assert torch.equal(terminated, failed) and torch.equal(timed_out, late)
         over = terminated | timed_out
         assert (ending["actor"] != seen["actor"]).any(1)[over].all()
+        if name == ROUGH:
+            climbs.append(own.scene.terrain.terrain_levels.clone())
+            assert torch.equal(climbs[-1], ours.scene.terrain.terrain_levels)
+            assert torch.equal(own.scene.terrain.env_origins, ours.scene.terrain.env_origins)
+    moved = torch.stack(climbs).diff(dim=0).unique().tolist() if climbs else [-1, 0, 1]
+    assert moved == [-1, 0, 1]
+
+
+def test_robust_worlds_differ_and_their_actions_arrive_late(monkeypatch, generator):
+    env = envs.make(GO1, 32, "cpu", robust=True, auto_reset=False, history={"joint_*": 2})
+    env.reset()
+    sim, late = env.env.sim, env.env.action_manager.get_term("joint_pos")
+    lags, applied, physics = late._lag.clone(), [], sim.step
+    monkeypatch.setattr(sim, "step", lambda: (applied.append(sim.data.ctrl[:].clone()), physics()))
+    start, targets = late._offset, []
+    for _ in range(6):
+        action = torch.rand(32, env.action_size, generator=generator)
+        env.step(action)
+        targets.append(start + action * late._scale)
+    assert lags.unique().tolist() == [*range(9)]  # physics steps of 5 ms: 0 to 40 ms
+    robot, model = env.env.scene["robot"], sim.mj_model
+    joints = [model.joint(f"robot/{name}").id for name in robot.joint_names]
+    controls = [model.actuator_trnid[:, 0].tolist().index(joint) for joint in joints]
+    for world, lag in enumerate(lags.tolist()):
+        for number, ctrl in enumerate(applied):  # four of each control step
+            sent = (number - lag) // 4
+            target = (start if sent < 0 else targets[sent])[world] - robot.data.encoder_bias[world]
+            torch.testing.assert_close(ctrl[world, controls], target)
+    env.reset()
+    assert (late._lag != lags).any()
+
+    trunk = model.body("robot/trunk").id
+    columns = [  # of the model, and the largest share by which they differ
+        ("body_mass", trunk, 0.15),
+        ("actuator_gainprm", (slice(None), 0), 0.2),
+        ("actuator_biasprm", (slice(None), 2), 0.2),
+        ("actuator_forcerange", (slice(None), 1), 0.2),
+    ]
+    for name, column, span in columns:
+        usual = torch.from_numpy(getattr(model, name)).float()[column]
+        apart = getattr(sim.model, name)[:].view(32, *getattr(model, name).shape)
+        column = column if isinstance(column, tuple) else (column,)
+        ratio = apart[(slice(None), *column)] / usual - 1
+        assert (ratio.abs() < span + 1e-4).all() and ratio.min() < -0.8 * span < 0
+        assert ratio.max() > 0.8 * span and len(ratio.flatten().unique()) >= 32
+    push = env.env.event_manager.get_term_cfg("push_robot").params["velocity_range"]
+    assert push["x"] == (-0.75, 0.75)
+
+
+def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
+    robot = envs.make_robot(ROUGH, robust=True)
+    assert type(robot.env.action_manager.get_term("joint_pos")).__name__ == "JointPositionAction"
+    model = mujoco.MjSpec.from_zip(io.BytesIO(robot.deployment().model)).compile()
+    on_ground = model.geom_bodyid == model.body("terrain").id
+    assert model.nhfield == 0
+    assert model.geom_type[on_ground].tolist() == [mujoco.mjtGeom.mjGEOM_PLANE]
+    for name in (ROUGH, ROUGH.replace("Go1", "G1")):
+        config, _, _ = read(["--env", name, "--device", "cpu"])
+        assert config.task.robust and config.task.curriculum and config.task.sensors == "real"
+        assert worlds.supported(worlds.changed(name, config.task, 2, 0))
+    with pytest.raises(MorlaxError, match=r"no command of velocity: leave task\.robust out"):
+        envs.make(CARTPOLE, 1, "cpu", robust=True)
 
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-@pytest.mark.parametrize("name", [GO1, G1])
-def test_a_recorded_step_follows_mjlab_s(name, generator):
-    own, ours = (calm(name, 3, "cuda", pushed=True, episode_length_s=0.4) for _ in range(2))
+@pytest.mark.parametrize("name", [GO1, G1, ROUGH])
+def test_a_recorded_step_follows_mjlab_s(name, generator, monkeypatch):
+    monkeypatch.setattr(torch, "randint_like", fixed)
+    edits = {"edit": harder} if name == ROUGH else {}
+    options = {"pushed": True, "episode_length_s": 0.4, **edits}
+    own, ours = (calm(name, 3, "cuda", **options) for _ in range(2))
     for env in (own, ours):
         env.episode_length_buf.copy_(torch.tensor([0, 7, 13]))
     step, size = MaskedStep(ours, ("actor",)), own.action_manager.total_action_dim
@@ -391,8 +492,10 @@ def test_commands_that_our_step_draws_are_distributed_like_mjlab_s(monkeypatch):
     torch.testing.assert_close(found[0], found[1], rtol=0.1, atol=0.1)
 
 
-def test_worlds_of_the_same_episode_draw_alike():
-    go1 = envs.make(GO1, 6, "cpu", auto_reset=False, commands={"twist.lin_vel_x": (-2.0, 2.0)})
+@pytest.mark.parametrize("name", [GO1, ROUGH])
+def test_worlds_of_the_same_episode_draw_alike(name):
+    options = {"commands": {"twist.lin_vel_x": (-2.0, 2.0)}, "robust": name == ROUGH}
+    go1 = envs.make(name, 6, "cpu", auto_reset=False, **options)
     go1.share_draws(torch.arange(6) // 3, 2)
     seen, term = go1.reset(), go1.env.command_manager.get_term("twist")
     for _ in range(12):
@@ -402,9 +505,12 @@ def test_worlds_of_the_same_episode_draw_alike():
         assert (one - other).abs().max() > 0.3
         term.time_left -= 1.0  # draw new commands sooner
         seen = go1.step(torch.zeros(6, 12)).observation
-    for name in ("geom_friction", "body_ipos"):
-        model = getattr(go1.env.sim.model, name)
-        assert (model[0] == model[2]).all() and (model[0] != model[3]).any()
+    drawn = [go1.env.sim.model.geom_friction, go1.env.sim.model.body_ipos]
+    if name == ROUGH:
+        late = go1.env.action_manager.get_term("joint_pos")
+        drawn += [go1.env.sim.model.body_mass, late._lag, go1.env.scene.terrain.env_origins]
+    for values in drawn:
+        assert (values[0] == values[2]).all() and (values[0] != values[3]).any()
 
 
 def test_without_a_gpu_the_best_of_the_front_is_chosen():
@@ -422,7 +528,8 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     task = policy.config.task.model_copy(update={"episode_length": 40})
     config = policy.config.model_copy(update={"task": task})
     front = evaluate(Policy(policy.agent, config, policy.objectives), 3, device="cpu", seeds=4)
-    error, speed, share, power, torque, cost, hottest, shaken, drift = front.quantities.T
+    error, speed, share, power, torque, cost, hottest, shaken, drift, falls = front.quantities.T
+    np.testing.assert_allclose(falls, 1000 * front.falls / front.lengths)
     assert front.quantity_names == worlds.QUANTITIES and len(error) == 3
     assert ((hottest > torque / 35.55) & (hottest < 1)).all() and (drift < speed).all()
     assert ((shaken > 1) & (shaken < 100)).all()

@@ -94,6 +94,15 @@ class _Terms:
             return _vector(-signs)
         return _vector(signs) if sensor.type[0] in POLAR else None
 
+    def height_scan(self, params: dict[str, Any]) -> Reflection | None:
+        """Reflect the rays of a grid below the robot."""
+        sensor = self._env.scene[params["sensor_name"]]
+        if sensor.num_frames > 1:
+            return None
+        rays = sensor._local_offsets.cpu().numpy()
+        names = [f"ray {number} of {params['sensor_name']}" for number in range(len(rays))]
+        return Reflection.of(partners(rays, names), [1.0] * len(rays))
+
     def foot_height(self, params: dict[str, Any]) -> Reflection:
         frames = self._env.scene[params["sensor_name"]].cfg.frame
         return self._feet([(frame.type, f"{frame.entity}/{frame.name}") for frame in frames])

@@ -44,6 +44,7 @@ class MjlabRobot(MjlabWorlds, Robot):
     """Worlds of mjlab on the CPU whose command stays as it is until someone changes it."""
 
     def _open(self, seed: int) -> None:
+        self.options = self.options.model_copy(update={"robust": False})  # the robot as it is built
         super()._open(seed)
         data, model = self.env.sim.data, self.env.sim.mj_model
         model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away
@@ -204,6 +205,8 @@ def _clip(terms: list[Any]) -> list[list[float]] | None:
 def _zipped(env: Any) -> bytes | None:
     """Return a zip of the scene's XML and files; None if MuJoCo cannot write it as XML."""
     spec = env.scene.spec.copy()
+    if getattr(env.scene.terrain, "terrain_origins", None) is not None:
+        _flatten(spec)
     env.cfg.sim.mujoco.apply(SimpleNamespace(opt=spec.option))
     try:
         text = import_module("mjlab.utils.xml").fix_spec_xml(spec.to_xml(), meshdir="")
@@ -216,6 +219,15 @@ def _zipped(env: Any) -> bytes | None:
         for path in sorted(paths):
             archive.writestr(path, _read(env, path))
     return file.getvalue()
+
+
+def _flatten(spec: mujoco.MjSpec) -> None:
+    """Replace mjlab's uneven ground by a plane, because XML does not hold its textures."""
+    ground = spec.body("terrain")
+    pictures = [thing for thing in (*spec.materials, *spec.textures) if thing.name[:3] == "hf_"]
+    for thing in (*ground.geoms, *spec.hfields, *pictures):
+        spec.delete(thing)
+    ground.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.01], material="groundplane")
 
 
 def _read(env: Any, path: str) -> bytes:

@@ -17,6 +17,7 @@ QUANTITIES = (
     "hottest joint (share of its torque limit)",  # root mean square of its torque over time
     "acceleration of the base (m/s²)",  # root mean square
     "drift (m/s)",  # speed when told to stand
+    "falls (per 1,000 steps)",  # episodes that fail, by control steps
 )
 LOWER_IS_BETTER = tuple(name for name in QUANTITIES if not name.startswith("speed"))
 SLOWEST = 0.3  # m/s; slower commands say little about walking
@@ -57,15 +58,15 @@ class Walking:
         )
         return torch.cat([torch.stack(numbers, 1), (torque / self._limits).square()], 1)
 
-    def quantify(self, means: np.ndarray) -> np.ndarray:
-        """Return the quantities (K, 9) from means over time (K, COLUMNS + joints)."""
+    def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
+        """Return quantities (K, q) from means over time (K, COLUMNS + joints), and falls a step."""
         numbers, joints = means[:, :COLUMNS].T, means[:, COLUMNS:]
         error, speed, along, asked, power, torque, jolts, drift, standing = numbers
         weight = self._model.body_mass.sum() * np.linalg.norm(self._model.opt.gravity)
         # a robot that stands has no cost of transport; a large one says so in figures
         share, cost = along / asked.clip(1e-9), power / (weight * speed.clip(0.01))
         hottest, drift = joints.max(1) ** 0.5, drift / standing.clip(1e-9)
-        rest = hottest, jolts**0.5, drift
+        rest = hottest, jolts**0.5, drift, 1000 * falls
         return np.stack([error, speed, share, power, torque**0.5, cost, *rest], 1)
 
 

@@ -24,7 +24,7 @@ from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
 from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
 from .history import History, lengths
 from .mirror import mirror_of
-from .step import COMMAND, MaskedStep, supported
+from .step import COMMAND, LEVELS, MaskedStep, supported
 from .walking import LOWER_IS_BETTER, QUANTITIES, Walking
 
 ENDINGS = "endings"  # mjlab's name of the recorder
@@ -53,6 +53,8 @@ class MjlabOptions(ObjectiveOptions):
     joint_*."""
     curriculum: bool = False
     """Make the task harder while training goes on, as mjlab does."""
+    robust: bool = False
+    """Let motors, masses and delays of actions differ, and push harder; for robots that walk."""
     stagger: bool = True
 
 
@@ -149,9 +151,9 @@ class MjlabWorlds(ForeignWorlds):
         assert self._walking is not None
         return self._walking.measure()
 
-    def quantify(self, means: np.ndarray) -> np.ndarray:
+    def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
         assert self._walking is not None
-        return self._walking.quantify(means)
+        return self._walking.quantify(means, falls)
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         return mirror_of(self.env, self.groups, tolerance, self.lengths)
@@ -218,7 +220,8 @@ def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
         shape = env.num_envs, env.action_manager.total_action_dim
         env.step(torch.zeros(shape, dtype=torch.float32))
 
-    with contextlib.redirect_stdout(io.StringIO()):  # tables of all terms
+    # tables of all terms; contacts with uneven ground that have only one point
+    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(action="ignore"):
         # on a GPU, torch could stop the process at an index that no kernel has written
         if device.type == "cpu" and name not in _rehearsed:
             _rehearsed.add(name)
@@ -297,9 +300,27 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
                 )
     if not options.curriculum:
         cfg.curriculum = {}
+    _ready_terrain(cfg)
+    if options.robust:
+        if not any(type(command).__name__ == f"{COMMAND}Cfg" for command in cfg.commands.values()):
+            raise MorlaxError(f"{name} has no command of velocity: leave task.robust out.")
+        import_module(".robust", __package__).harden(cfg)
     cfg.scene.num_envs, cfg.seed = num_worlds, seed % 2**31
     cfg.episode_length_s = options.episode_length * cfg.sim.mujoco.timestep * cfg.decimation
     return cfg
+
+
+def _ready_terrain(cfg: Any) -> None:
+    """Let robots on rough ground go from level to level, or start anywhere, as in mjlab's play."""
+    if getattr(cfg.scene.terrain, "terrain_type", None) != "generator":
+        return
+    # mjlab's faster commands come only after 120,000 control steps, and cannot be recorded
+    levels = {key: term for key, term in cfg.curriculum.items() if term.func.__name__ == LEVELS}
+    cfg.curriculum = levels or cfg.curriculum
+    if not cfg.curriculum:
+        anywhere = import_module("mjlab.envs.mdp").randomize_terrain
+        event = import_module("mjlab.managers").EventTermCfg(mode="reset", func=anywhere)
+        cfg.events = {"randomize_terrain": event, **cfg.events}
 
 
 def remembers(cfg: Any) -> bool:
