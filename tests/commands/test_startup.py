@@ -96,6 +96,19 @@ def test_ctrl_c_while_a_command_imports_a_library_is_one_word(tmp_path, library,
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
+def test_commands_keep_bytecode_where_python_keeps_none(tmp_path):
+    forbidden = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONPYCACHEPREFIX": ""}
+    words = "-m", "morlax_torch", "--version"
+    done = python(tmp_path, *words, **forbidden, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    assert done.returncode == 0
+    assert [*tmp_path.glob("cache/morlax/bytecode/**/morlax_torch/__main__*.pyc")]
+    # the user's own folder comes first, and a folder that cannot be written is no error
+    own = {"PYTHONPYCACHEPREFIX": str(tmp_path / "own")}
+    assert not python(tmp_path, *words, **own, XDG_CACHE_HOME=str(tmp_path / "new")).returncode
+    assert not (tmp_path / "new").exists()
+    assert not python(tmp_path, *words, **forbidden, XDG_CACHE_HOME="/dev/null").returncode
+
+
 @pytest.mark.slow
 def test_training_on_c_mujoco_imports_no_warp_no_viewer_and_no_optional_library(tmp_path):
     done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch.train", *TINY)

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import cache_from_source, find_spec
 from itertools import pairwise
 from typing import Any, NoReturn
 
@@ -54,6 +55,22 @@ def end_at_once_on_ctrl_c() -> None:
 
     if is_command() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
         signal.signal(signal.SIGINT, end)
+
+
+def keep_bytecode() -> None:
+    """Let a command keep compiled Python in the user's cache where Python would keep none of it.
+
+    Many container images forbid it, or have read-only packages without it: importing torch and
+    MuJoCo Warp then takes two seconds longer, every time.
+    """
+    if not is_command() or sys.pycache_prefix:
+        return
+    torch = find_spec("torch")
+    kept = torch and torch.origin and os.path.exists(cache_from_source(torch.origin))
+    if sys.dont_write_bytecode or not kept:
+        cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+        sys.pycache_prefix = os.path.join(cache, "morlax", "bytecode")
+        sys.dont_write_bytecode = False
 
 
 class Interruption:
