@@ -15,7 +15,6 @@ COMMANDS = {
     "figures": "write figures and a table of evaluated runs for a paper",
     "choose": "find the trade-off that meets a requirement",
     "design": "find the body and the trade-off that serve best",
-    "teach": "learn an objective from comparisons of clips",
     "explore": "steer a robot live in the browser",
     "record": "film a robot under several trade-offs",
     "export": "write a policy to a file that runs without this package",

@@ -51,16 +51,9 @@ def needs_page() -> None:
 @contextmanager
 def exploring(*arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
     """Serve a run from the current folder; yields the page's address and the process."""
-    with serving("explore", *arguments) as served:
-        yield served
-
-
-@contextmanager
-def serving(command: str, *arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
-    """Start a command that serves a page; yields the page's address and the process."""
     needs_page()
     process = subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch", command, *arguments, "--port", "0"],
+        [sys.executable, "-m", "morlax_torch", "explore", *arguments, "--port", "0"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

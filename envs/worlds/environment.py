@@ -19,14 +19,12 @@ from . import checks, episodes, randomization
 from .design_space import Bank, compiled
 from .episodes import Starts, around
 from .interface import TimeStep
-from .learned import TERM, LearnedReward
 from .mirror import PAIRS, Mirror, find_mirror
 from .mujoco_robot import Part, Robot
 from .options import Randomization, TaskOptions
 from .randomization import Delay, Noise, Pushes
 
 STARTS_OF_BODY = 16  # noisy initial states of each body, where bodies differ
-SEEN = "learned.before"  # memory of the observation (N, O) that a step starts from, to be rated
 
 
 class Environment(Robot):
@@ -83,15 +81,8 @@ class Environment(Robot):
             self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
         checks.control(self)
         checks.rewards(self)
-        self._learned: LearnedReward | None = None
-        if options.learned:
-            if TERM in self.terms():
-                raise MorlaxError(f"task.learned adds a term {TERM}: rename the task's own.")
-            sizes = self.observation_size, self.action_size
-            self._learned = LearnedReward.load(options.learned, *sizes).to(self.device)
-            self.memory[SEEN] = self.observe().float().clone()
         self.reset()
-        self.reward_terms = (*self.terms(), *([TERM] if self._learned else []))
+        self.reward_terms = tuple(self.terms())
         self.define_objectives(physics.qpos.dtype)
 
     @classmethod
@@ -291,8 +282,6 @@ class Environment(Robot):
         if self._noise:  # once per step, so that both observations of a step have the same noise
             self._noise.draw()
         named = self.terms()
-        if self._learned:
-            named[TERM] = self._learned(self.memory[SEEN], action, self.observe().float())
         terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
@@ -332,8 +321,7 @@ class Environment(Robot):
         self._remember()
 
     def _remember(self) -> None:
-        seen = {SEEN: self.observe()} if self._learned else {}
-        for name, value in (self.remember() | seen).items():
+        for name, value in self.remember().items():
             self.memory[name].copy_(value)  # in place: a recorded step keeps its address
 
     def state_dict(self) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import (
@@ -13,10 +12,12 @@ from pydantic import (
     NonNegativeFloat,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 
 from ..errors import shortened
 
+STORED = "stored"  # context of the values of a run, which an earlier version may have written
 LARGEST = 1e9  # of any number, in size: squares of it are still finite in float32
 
 Objectives = dict[str, dict[str, float]]  # weights of reward terms, by objective
@@ -24,7 +25,6 @@ Point = tuple[float, ...] | None  # of reference, one number per objective
 Count = Annotated[int, Field(gt=0, le=1_000_000)]
 T = TypeVar("T", int, float)
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_ -]{0,39}")
-OwnFile = Annotated[Path, AfterValidator(Path.absolute)]
 Factor = Annotated[float, Field(gt=0, le=1e6)]
 Delay = Annotated[int, Field(ge=0, le=1000)]
 
@@ -39,6 +39,14 @@ class Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_former(cls, values: Any, info: ValidationInfo) -> Any:
+        """Leave out options that this version lacks, if a stored run does not use them."""
+        if info.context != STORED or not isinstance(values, dict):
+            return values
+        return {k: v for k, v in values.items() if k in cls.model_fields or v is not None}
 
     @field_validator("*", mode="before")
     @classmethod
@@ -167,8 +175,6 @@ class TaskOptions(ObjectiveOptions):
     """Domain randomization."""
     design: dict[str, float] = {}
     """Values of the robot's design parameters, by name (docs/designs.md); others keep defaults."""
-    learned: OwnFile | None = None
-    """File of a learned reward, which adds the reward term `learned` (docs/choose.md)."""
 
     @property
     def varies(self) -> bool:

@@ -5,15 +5,20 @@ from functools import partial
 from typing import Annotated
 
 from .terminal import cli
-from .terminal.arguments import Positional, Served, Trusting, arg, parse
+from .terminal.arguments import Positional, Trusting, arg, parse
+from .terminal.process import interruptible
 
 
-class Explore(Trusting, Served):
+class Explore(Trusting):
     """Serve a page that shows a robot live, with a slider for each objective."""
 
     run: Annotated[str | None, Positional, arg(metavar="[RUN|NAME]")] = None
     """Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped policy (None:
     the first shipped policy, or the newest run if none is shipped)."""
+    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Address to listen on; 0.0.0.0 accepts connections from the whole network."""
+    port: Annotated[int, arg(metavar="NUMBER")] = 8080
+    """TCP port to listen on, or the next free one; 0 selects any."""
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -29,7 +34,12 @@ def command(arguments: Sequence[str]) -> None:
 
         from ..host.resources import one_thread
         from ..viewers.explorer.exhibits import RunExhibit
+        from ..viewers.explorer.page import Page
 
-    with one_thread(torch.device("cpu")):
-        options.serve(partial(RunExhibit, choice))
+    with one_thread(torch.device("cpu")), interruptible() as ended:
+        with cli.Live():
+            page = Page(partial(RunExhibit, choice), options.host, options.port)
+        cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
+        page.serve(ended)
+        page.stop()
     cli.skip_teardown()  # which would wait for the thread of a search

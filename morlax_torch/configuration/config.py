@@ -253,7 +253,8 @@ def _with_options(task: type[ObjectiveOptions], method: type[MethodOptions]) -> 
 def load_config(values: dict[str, Any], context: str | None = None) -> Config:
     """Check nested plain values, as in a YAML file, and return them as a config.
 
-    In the context `DRAFT`, each value is checked on its own, not whether they fit together.
+    In the context `DRAFT`, each value is checked on its own, not whether they fit together. In the
+    context `STORED`, unknown keys may be null.
     """
     if not isinstance(values.get("env"), str):
         raise MorlaxError(f"the config names no task: add a line such as env: {envs.names()[0]}.")

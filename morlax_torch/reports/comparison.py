@@ -11,7 +11,7 @@ from ..envs import MorlaxError
 from ..envs.naming import movable
 from ..evaluation import pareto
 from ..evaluation.front import Front
-from ..host.files import AnyPath, read
+from ..host.files import AnyPath
 from ..networks.policy import Policy
 from ..runs.hardware import Machine
 from ..runs.loading import find_run
@@ -68,10 +68,7 @@ def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None =
     for name, other in others:
         theirs = _options(other, protocol)
         for option, value in _options(one, protocol).items():
-            pair = [value, theirs[option]]
-            if option == "task.learned" and all(pair):  # every run has a file of its own
-                pair = [read(file, "learned reward") for file in pair]
-            if pair[0] != pair[1]:
+            if value != theirs[option]:
                 raise MorlaxError(
                     f"{first} and {name} differ in {option} ({value} and {theirs[option]}), so "
                     "their returns cannot be compared: evaluate them separately, or by one "

@@ -20,7 +20,7 @@ from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, line, shortened, validated
 from ..envs.naming import movable
 from ..envs.worlds.design_space import DesignParameter
-from ..envs.worlds.options import check_objectives
+from ..envs.worlds.options import STORED, check_objectives
 from ..host.files import AnyPath, read, write_file
 from .progress import Progress
 from .references import check_model, code_of, localized, model_of
@@ -155,7 +155,7 @@ def read_config(contents: Contents, path: Path) -> Config:
     except MorlaxError as error:
         raise MorlaxError(f"{missing}, and {error}" if missing else str(error)) from None
     try:
-        return load_config(values)
+        return load_config(values, STORED)
     except MorlaxError as error:
         raise MorlaxError(f"the config in {path} does not fit: {error}") from None
 

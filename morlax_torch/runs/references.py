@@ -1,4 +1,4 @@
-"""What a run's config refers to: code that must be trusted, a learned reward, the robot's model.
+"""What a run's config refers to: code that must be trusted, and the robot's model.
 
 A run's folder has copies of the files, so that it works on another computer. A fingerprint of the
 model notices numbers that changed since training.
@@ -19,14 +19,13 @@ import numpy as np
 
 from .. import envs
 from ..configuration.config import Config
-from ..envs import Environment, MorlaxError, TaskOptions, Worlds
+from ..envs import Environment, MorlaxError, Worlds
 from ..envs.errors import MorlaxWarning, shortened
 from ..envs.naming import absolute, is_file, title
 from ..host.files import attempting, make_folder, read, write_file
 
 # fields of a config that may name a file or module, and a run's folder for a copy of it
 NAMES_CODE = {"env": "task", "scalarization": "utility"}
-LEARNED = "learned.pt"  # a run's own copy, which moves with its folder
 MOST_BYTES = 20 * 2**20  # of the copies of a task; larger ones are not copied
 
 _NAMED: dict[Path, str] = {}  # tasks of runs by folder, as a user has named them
@@ -55,12 +54,9 @@ def named_task(folder: Path) -> str | None:
 
 
 def copy_files(config: Config, folder: Path) -> None:
-    """Copy what a config names into a run's folder: learned reward, code and its other files."""
+    """Copy the code that a config names, and its other files, into a run's folder."""
     from ..envs.external import parts_of
 
-    task = config.task
-    if isinstance(task, TaskOptions) and task.learned is not None:
-        write_file(folder / LEARNED, read(task.learned, "learned reward"))
     for field, name in NAMES_CODE.items():
         code, copies = getattr(config, field), folder / name
         file = Path(code.rpartition(":")[0])
@@ -97,10 +93,7 @@ def compared(name: str, copies: Path) -> tuple[Path | None, list[Path]]:
 
 def localized(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return a config's plain values with the files of a run's folder, or those a user named."""
-    values, task = dict(values), values.get("task")
-    if isinstance(task, dict) and task.get("learned") and (folder / LEARNED).is_file():
-        values["task"] = {**task, "learned": str(folder / LEARNED)}
-    requested = named_task(folder)
+    values, requested = dict(values), named_task(folder)
     for field, copies in NAMES_CODE.items():
         name = values.get(field)
         if not isinstance(name, str) or not is_file(name) or ":" not in name:

@@ -17,6 +17,7 @@ from ..configuration.config import MAY_CHANGE, Config, changed, check_resumable,
 from ..configuration.files import read_yaml, write_record
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
+from ..envs.worlds.options import STORED
 from ..evaluation.front import Front
 from ..host.files import (
     AnyPath,
@@ -56,7 +57,6 @@ class Run:
     metrics.csv     one row per evaluation
     front.npz       the front of checkpoints/best.pt
     checkpoints/    best.pt by hypervolume, latest.pt, and latest.npz, the front of latest.pt
-    learned.pt      a learned reward, if the task has one
     events.*        TensorBoard
 
     One thread at a time may use it. As a context manager it closes itself.
@@ -122,7 +122,7 @@ class Run:
         if values.get("env") != stored.env:
             raise MorlaxError(f"{path} is of task {stored.env!r}, not {values.get('env')!r}.")
         try:
-            edited = load_config(localized(values, self.folder))
+            edited = load_config(localized(values, self.folder), STORED)
         except MorlaxError as error:
             raise MorlaxError(f"{file} does not fit: {error}") from None
         mistake = f"{file} was edited since the run began"

@@ -233,8 +233,6 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "MUJOCO_GL=osmesa": "needs OSMesa",
     "--storage ": "needs a shared folder or a database; test_tune.py has one",
     "best.yaml": "needs the result of a search; test_tune.py trains with it",
-    "morlax teach": "asks a user in a browser; test_explorer.py answers",
-    "lesson/config.yaml": "needs the answers of a user; test_teach.py trains with it",
     "http.server": "serves until it is stopped; test_web_page.py serves such a page",
     "morlax pack": "needs a finished run; .ci/smoke.py packs one",
 }

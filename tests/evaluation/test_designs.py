@@ -439,7 +439,7 @@ def test_a_body_that_is_no_list_of_numbers_is_one_sentence(run, refused):
 def test_a_slider_changes_the_body_and_then_the_front(run):
     waiting = Queue[Any]()
     exhibit = RunExhibit(choose(str(run), None), waiting.put)
-    session = exhibit.behaviors[0]
+    session = exhibit.robots[0]
     robot, model = session.robot, session.model
     assert exhibit.state()["design"] == [0.33, 0.32] and exhibit.state()["measured"]
     exhibit.react({"act": "reshape", "index": 1, "value": 9.0})  # clamped
@@ -449,12 +449,12 @@ def test_a_slider_changes_the_body_and_then_the_front(run):
     assert exhibit.state()["design"] == [0.33, 0.5] and not exhibit.state()["measured"]
     assert exhibit.state()["choosing"] is None and session.front is None
     exhibit.react({"act": "press", "name": "add"})
-    assert len({id(each.player.policy) for each in exhibit.behaviors}) == 1
+    assert len({id(each.player.policy) for each in exhibit.robots}) == 1
     exhibit.react({"act": "press", "name": "measure"})
     waiting.get(timeout=PATIENCE)()
     policy = morlax_torch.load(run).for_design(design)
     expected = evaluate(policy, 33, device="cpu").returns
-    for session in exhibit.behaviors:
+    for session in exhibit.robots:
         assert session.front.returns == pytest.approx(expected)
         assert session.robot is not robot
     assert exhibit.state()["measured"] and exhibit.state()["choosing"] is not None
@@ -468,14 +468,14 @@ def test_a_front_of_a_former_body_is_not_shown(run):
         if value == 0.4:
             exhibit.react({"act": "press", "name": "measure"})
     waiting.get(timeout=PATIENCE)()
-    assert exhibit.behaviors[0].front is None and not exhibit.state()["measured"]
+    assert exhibit.robots[0].front is None and not exhibit.state()["measured"]
 
 
 def test_robots_with_one_body_have_no_sliders_for_it():
     exhibit = RunExhibit(choose("hopper", None), lambda request: None)
-    model = exhibit.behaviors[0].model
+    model = exhibit.robots[0].model
     exhibit.react({"act": "reshape", "index": 0, "value": 0.4})
-    assert exhibit.behaviors[0].model is model and exhibit.state()["design"] == []
+    assert exhibit.robots[0].model is model and exhibit.state()["design"] == []
 
 
 @pytest.mark.slow

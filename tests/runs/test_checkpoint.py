@@ -112,6 +112,20 @@ def test_limits_and_evaluation_may_change_in_a_run_s_config(run):
     assert torch.load(run / "checkpoints" / "latest.pt")["learner"]["iteration"] == 3
 
 
+def test_a_run_may_have_unused_options_of_an_earlier_version(run):
+    file = run / "config.yaml"
+    edited = yaml.safe_load(file.read_text())
+    edited["task"]["former"] = edited["former"] = None
+    file.write_text(yaml.safe_dump(edited))
+    for name in ("best", "latest"):
+        edit(run / "checkpoints" / f"{name}.pt", "config", "task", "former", value=None)
+    load(run)
+    resume(run)
+    edit(run / "checkpoints" / "best.pt", "config", "task", "former", value="former.pt")
+    with pytest.raises(MorlaxError, match=r"best.pt does not fit: unknown task key 'former'"):
+        load(run)
+
+
 CURVES = {
     "no rows": lambda text: text.splitlines()[0],
     "a NaN": lambda text: text.replace(text.splitlines()[-1].split(",")[4], "nan"),

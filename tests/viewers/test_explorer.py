@@ -3,34 +3,28 @@
 import hashlib
 import json
 import os
-import signal
 import time
-from pathlib import Path
 from queue import Queue
 
 import mujoco
 import numpy as np
 import pytest
-from browsing import PATIENCE, Client, serving
+from browsing import PATIENCE
 
 from morlax_torch import MorlaxError, evaluate
-from morlax_torch.configuration.config import load_config
-from morlax_torch.configuration.files import read_yaml
 from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.comparisons import policy_questions
+from morlax_torch.viewers.explorer.comparisons import Comparison
 from morlax_torch.viewers.explorer.exhibits import RunExhibit, Thresholds
 from morlax_torch.viewers.explorer.session import (
     PUSH,
     WEIGHT,
-    Clip,
     Session,
     contact_arrows,
     frame_bytes,
 )
-from morlax_torch.viewers.preferences.teaching import Comparisons
 
 
 @pytest.fixture
@@ -153,11 +147,11 @@ def press(exhibit: RunExhibit, name: str) -> None:
 def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered():
     exhibit = RunExhibit(library.choose("hopper"), pytest.fail)
     exhibit.react({"act": "steer", "weights": [9.0, 1.0]})
-    play(exhibit.behaviors[0], 0.2)
+    play(exhibit.robots[0], 0.2)
     press(exhibit, "add")
-    assert exhibit.behaviors[0].steps == 0  # both start anew, so that their returns are comparable
+    assert exhibit.robots[0].steps == 0  # both start anew, so that their returns are comparable
     exhibit.react({"act": "steer", "weights": [2.0, 8.0]})
-    assert [robot.tradeoff for robot in exhibit.behaviors] == [(0.9, 0.1), (0.2, 0.8)]
+    assert [robot.tradeoff for robot in exhibit.robots] == [(0.9, 0.1), (0.2, 0.8)]
     press(exhibit, "add")
     press(exhibit, "add")
     with pytest.raises(MorlaxError, match="at most 4 robots"):
@@ -165,7 +159,7 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered():
     exhibit.react({"act": "select", "robot": 0})
     for _ in range(5):
         press(exhibit, "remove")
-    assert [robot.tradeoff for robot in exhibit.behaviors] == [(0.2, 0.8)]
+    assert [robot.tradeoff for robot in exhibit.robots] == [(0.2, 0.8)]
     assert exhibit.state()["selected"] == 0
 
 
@@ -282,82 +276,26 @@ def test_arrows_of_contacts_carry_the_weight():
     assert lengths.max() == pytest.approx(model.stat.extent)
 
 
-BOXES = """
-<mujoco><worldbody>
-  <body><joint type="slide" axis="1 0 0"/><geom type="box" size=".1 .1 .1"/></body>
-  <body><joint type="slide" axis="0 0 1"/><geom type="box" size=".1 .1 .1"/></body>
-</worldbody></mujoco>
-"""
-
-
-@pytest.fixture
-def model() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(BOXES)
-
-
-def test_a_clip_repeats_its_positions_in_real_time(model):
-    clip = Clip(model, [[0.0, 0.0], [0.0, 0.1], [0.0, 0.2]], dt=0.05)
-    seen = []
-    for _ in range(4):
-        seen.append(clip.data.xpos[2, 2])
-        clip.step()
-    assert seen == pytest.approx([0.0, 0.1, 0.2, 0.0])
-    clip.advance(0.0)
-    assert sum(clip.advance(tick / 100, 0.5) for tick in range(1, 101)) == 10
-    clip.reset()
-    assert clip.data.xpos[2, 2] == 0.0
-
-
-@pytest.mark.parametrize("qpos", [[[0.0]], [], [0.0, 0.0], [[np.nan, 0.0]]])
-def test_a_clip_that_does_not_fit_the_robot_is_an_error(model, qpos):
-    with pytest.raises(MorlaxError, match="a clip needs"):
-        Clip(model, qpos, dt=0.05)
-
-
 def test_answers_move_the_recommendation_to_the_preferred_end():
     session = Session.open(library.choose("cheetah"))
     front = session.front
-    questions = policy_questions(front, (session.twin(), session.twin()))
-    robots, first = last = next(questions)
+    comparison = Comparison(front, (session.twin(), session.twin()))
+    first = comparison.state()
     for _ in range(9):
-        a, b = front.tradeoffs[list(last[1]["policies"])]
-        last = questions.send(0 if a[0] > b[0] else 1)
-    evidence = last[1]
-    index = evidence["best"]
+        for robot in comparison.robots:
+            robot.step()
+            assert robot.steps == 1 and robot.player.tradeoff.tolist() == list(robot.tradeoff)
+        a, b = (robot.tradeoff for robot in comparison.robots)
+        comparison.answer(0 if a[0] > b[0] else 1)
+    state = comparison.state()
+    tradeoffs = front.tradeoffs.tolist()
+    assert state["answers"] == 9 and state["told"]["preferred"] == (0 if a[0] > b[0] else 1)
+    assert [tradeoffs[policy] for policy in state["told"]["policies"]] == [list(a), list(b)]
+    index = tradeoffs.index(list(state["best_tradeoff"]))
     run = front.returns[front.non_dominated, 0]
     assert front.returns[index, 0] > run.max() - 0.02 * np.ptp(run)
-    assert evidence["best_tradeoff"] == pytest.approx(front.tradeoffs[index])
     # the evidence grows: fewer policies are possible, and fewer questions remain
-    assert index in evidence["possible"]
-    assert len(evidence["possible"]) < len(first["possible"])
-    assert evidence["confidence"] > first["confidence"]
-    assert evidence["left"] < first["left"]
-    # its robots act on the question's trade-offs
-    for robot, asked in zip(robots, evidence["policies"], strict=True):
-        robot.step()
-        assert robot.player.tradeoff.tolist() == pytest.approx(front.tradeoffs[asked])
-        assert robot.steps == 1
-
-
-@pytest.mark.slow
-def test_an_objective_is_taught_by_answers(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    words = ("cheetah", "lesson", "--objective", "tall", "--clips", "12", "--answers", "12")
-    with serving("teach", *words) as (address, process):
-        comparisons = Comparisons.load(Path("lesson/comparisons.npz"))
-        random = np.random.default_rng([0, 0])  # as a new lesson draws its pairs
-        height = comparisons.clips.terms[:, comparisons.terms.index("height")]
-        client = Client(address)
-        for number in range(12):
-            client.until(lambda n=number: client.state["asking"]["answers"] == n, "no effect")
-            a, b = comparisons.pair(random)  # the clips that the page shows
-            comparisons.answers.append((a, b) if height[a] > height[b] else (b, a))
-            client.send("answer", preferred=0 if height[a] > height[b] else 1)
-        client.until(lambda: client.state["asking"]["over"], "there is no end")
-        client.close()
-        process.send_signal(signal.SIGINT)
-        printed, complaint = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0 and not complaint
-    assert "12 answers" in printed and "--config lesson/config.yaml" in printed
-    assert Comparisons.load(Path("lesson/comparisons.npz")).answers == comparisons.answers
-    assert load_config(read_yaml(Path("lesson/config.yaml"))).task.objectives["tall"]["learned"] > 0
+    assert index in state["possible"]
+    assert len(state["possible"]) < len(first["possible"])
+    assert state["confidence"] > first["confidence"]
+    assert state["left"] < first["left"]

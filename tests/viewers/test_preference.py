@@ -6,7 +6,7 @@ import pytest
 from morlax_torch import MorlaxError
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.loading import find_run
-from morlax_torch.viewers.preferences.tradeoff import MISTAKES, SHARPNESS, Preference
+from morlax_torch.viewers.explorer.preference import MISTAKES, SHARPNESS, Preference
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import math
 import re
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_origin
@@ -22,12 +22,11 @@ from ...envs.errors import validated
 from ...envs.naming import absolute, is_file
 from ...envs.worlds.options import Section
 from ...host.torchrun import FIRST, MAY_RESTART, launch
-from .cli import Live, console
-from .process import interruptible, program, typed
+from .cli import console
+from .process import program, typed
 
 if TYPE_CHECKING:
     from ...runs.run import Run
-    from ...viewers.explorer.exhibits import Exhibit
 
 HELP_ALL = "--help-all"
 USUAL = "cheetah"  # the task whose options --help-all lists if the command line names none
@@ -77,26 +76,6 @@ class OfRuns(Trusting):
         if not runs:
             raise MorlaxError("name at least one run: its folder, such as runs/ant/..., or a file.")
         return runs
-
-
-class Served(Section):
-    """Options of commands that serve a page."""
-
-    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
-    """Address to listen on; 0.0.0.0 accepts connections from the whole network."""
-    port: Annotated[int, arg(metavar="NUMBER")] = 8080
-    """TCP port to listen on, or the next free one; 0 selects any."""
-
-    def serve(self, make: "Callable[[Any], Exhibit]", until: str = "to stop") -> None:
-        """Serve the page of an exhibit until Ctrl-C."""
-        from ...viewers.explorer.page import Page
-
-        with interruptible() as ended:
-            with Live():
-                page = Page(make, self.host, self.port)
-            console.print(f"open {page.address}  (Ctrl-C {until})", soft_wrap=True)
-            page.serve(ended)
-            page.stop()
 
 
 class Limits(Section):

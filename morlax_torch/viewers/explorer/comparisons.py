@@ -1,70 +1,54 @@
-"""Questions "A or B?" to a user: which two behaviors to compare next, and who learns from it."""
+"""Ask "A or B?" about two policies at a time, to find the one that a user likes best."""
 
-from collections.abc import Callable, Generator, Iterable, Sequence
 from typing import Any
 
-import mujoco
-from numpy.typing import ArrayLike
-
 from ...evaluation.front import Front
-from ..preferences.teaching import Lesson
-from ..preferences.tradeoff import Preference
-from .session import Behavior, Clip, Session
-
-# yields the behaviors A and B, and evidence of the answers so far for a page; is sent the preferred
-# behavior, 0 (A) or 1 (B), or None for a skipped question
-Questions = Generator[tuple[Sequence[Behavior], dict[str, Any]], int | None, None]
+from .preference import Preference
+from .session import Session, Weights
 
 
-def policy_questions(front: Front, sessions: tuple[Session, Session], seed: int = 0) -> Questions:
-    """Compare policies of a front with two robots to find the one that the user likes best."""
-    preference = Preference(front, seed)
-    while True:
-        pair, best = preference.pair(), preference.best()
-        evidence = {  # policies are indices on the front
-            "policies": pair,
-            "best": best,
-            "best_tradeoff": tuple(front.tradeoffs[best].tolist()),
-            "possible": preference.possible().tolist(),
-            "confidence": preference.confidence(),
-            "left": preference.questions_left(),
-        }
-        for session, policy in zip(sessions, pair, strict=True):
-            session.tradeoff = tuple(front.tradeoffs[policy].tolist())
-            session.reset()
-        preferred = yield sessions, evidence
-        if preferred is not None:
-            preference.answer(pair[preferred], pair[1 - preferred])
+class Comparison:
+    """Shows two policies of a front with two robots; the next two follow each answer.
 
-
-def clip_questions(
-    model: mujoco.MjModel,
-    dt: float,
-    pairs: Iterable[Sequence[ArrayLike]],
-    answered: Callable[[int, int], None],
-) -> Questions:
-    """Compare recorded motions of one robot, two at a time.
-
-    Args:
-        model: the robot.
-        dt: seconds between two positions of a clip.
-        pairs: positions (T, nq) of A and of B for each question; may be endless.
-        answered: called with the number of the question, from 0, and with the preferred clip,
-            0 (A) or 1 (B). It is not called for skipped questions.
+    Raises MorlaxError if there are no two policies to compare.
     """
-    for number, pair in enumerate(pairs):
-        preferred = yield [Clip(model, qpos, dt) for qpos in pair], {}
-        if preferred is not None:
-            answered(number, preferred)
 
+    def __init__(self, front: Front, robots: tuple[Session, Session], seed: int = 0):
+        self.robots = robots
+        self._front, self._preference = front, Preference(front, seed)
+        self._answers = 0
+        self._told: dict[str, Any] | None = None  # the answer before
+        self._ask()
 
-def lesson_questions(lesson: Lesson, most: int) -> Questions:
-    """Ask about `most` pairs of a lesson's clips, and save each answer."""
-    robot, comparisons = lesson.policy.make_robot(), lesson.comparisons
-    for _ in range(most):
-        pair = comparisons.pair(lesson.random)
-        positions = [comparisons.clips.qpos[clip] for clip in pair]
-        preferred = yield [Clip(robot.physics.model, qpos, robot.dt) for qpos in positions], {}
-        if preferred is not None:
-            comparisons.answers.append((pair[preferred], pair[1 - preferred]))
-            lesson.save()
+    @property
+    def best_tradeoff(self) -> Weights:
+        """The trade-off that the user seems to like best."""
+        return tuple(self._front.tradeoffs[self._preference.best()].tolist())
+
+    def _ask(self) -> None:
+        """Show other policies, each from the start of an episode."""
+        self._pair = self._preference.pair()
+        for session, policy in zip(self.robots, self._pair, strict=True):
+            session.tradeoff = tuple(self._front.tradeoffs[policy].tolist())
+            session.reset()
+        self._evidence = {
+            "best_tradeoff": self.best_tradeoff,
+            "possible": self._preference.possible().tolist(),  # indices on the front
+            "confidence": self._preference.confidence(),
+            "left": self._preference.questions_left(),
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Describe the answers so far, and their evidence, for a page."""
+        return {"answers": self._answers, "told": self._told, **self._evidence}
+
+    def answer(self, preferred: int) -> None:
+        """Learn that the user prefers A (0) or B (1)."""
+        self._told = {"preferred": preferred, "policies": self._pair}
+        self._preference.answer(self._pair[preferred], self._pair[1 - preferred])
+        self._answers += 1
+        self._ask()
+
+    def skip(self) -> None:
+        self._told = None
+        self._ask()

@@ -1,4 +1,4 @@
-"""The exhibits of a page: up to four robots of a run, or two behaviors to compare."""
+"""What a page shows: up to four robots of a run, or two of them to compare."""
 
 import math
 import time
@@ -15,8 +15,8 @@ from ...networks.policy import Policy
 from ...runs.choosing import Chooser
 from ...runs.loading import bookmark, bookmarks, evaluate, own_folder
 from . import library
-from .comparisons import Questions, policy_questions
-from .session import Behavior, Put, Session, Weights
+from .comparisons import Comparison
+from .session import Put, Session, Weights
 
 MOST = 4  # robots
 TRADEOFFS = 33  # of the front of a new body: few, so that it follows soon
@@ -107,48 +107,12 @@ class Thresholds:
             self.reason = str(error)
 
 
-class ComparisonExhibit:
-    """Asks "A or B?" until there are no more questions; there is at least one.
-
-    `behaviors` are A and B, which may be others after each answer; the last ones stay.
-    """
-
-    def __init__(self, questions: Questions):
-        self._questions, self._answers, self._over = questions, 0, False
-        self._told: dict[str, Any] | None = None  # the answer before
-        self.behaviors: Sequence[Behavior] = ()
-        self.evidence: dict[str, Any] = {}
-        self._go_on(None)
-
-    def _go_on(self, preferred: int | None) -> None:
-        """Answer the question with A (0) or B (1), or skip it, and ask the next one."""
-        try:
-            self.behaviors, self.evidence = self._questions.send(preferred)
-        except StopIteration:
-            self._over = True
-
-    def state(self) -> dict[str, Any]:
-        asking = {"answers": self._answers, "over": self._over, "told": self._told}
-        return {"asking": asking | self.evidence}
-
-    def react(self, request: Request) -> None:
-        match request:
-            case {"name": "reset"}:
-                for behavior in self.behaviors:
-                    behavior.reset()
-            case {"act": "answer", "preferred": preferred} if not self._over:
-                self._told = {"preferred": preferred, "policies": self.evidence.get("policies")}
-                self._answers += 1
-                self._go_on(preferred)
-            case {"name": "skip"} if not self._over:
-                self._told = None
-                self._go_on(None)
-
-
 class RunExhibit:
     """Robots of a run, all with one body, of which users steer one; or two of "A or B?".
 
-    `put` queues calls of other threads that use the robots.
+    `robots` are at least one, `state` describes as JSON what can change apart from poses, and
+    `react` fulfills a request, or raises MorlaxError. `put` queues calls of other threads that use
+    the robots.
     """
 
     def __init__(self, choice: library.Choice, put: Put):
@@ -163,14 +127,14 @@ class RunExhibit:
         self._saving = {"busy": False, "text": ""}
         # shipped policies keep none
         self._bookmarks = bookmarks(choice.run) if own_folder(choice.run) else None
-        self._asking: ComparisonExhibit | None = None
+        self._asking: Comparison | None = None
         self._rounds = 0
         self._front: Front | None = None  # that thresholds refer to
         self._chosen: Thresholds | None = None
 
     @property
-    def behaviors(self) -> Sequence[Behavior]:
-        return self._asking.behaviors if self._asking else self._sessions
+    def robots(self) -> Sequence[Session]:
+        return self._asking.robots if self._asking else self._sessions
 
     @property
     def _steered(self) -> Session:
@@ -179,7 +143,7 @@ class RunExhibit:
     def state(self) -> dict[str, Any]:
         thresholds = self._thresholds()
         return {
-            "asking": None,
+            "asking": self._asking and self._asking.state(),
             "runs": self._runs(),
             "run": self._choice.run,
             "checkpoint": self._choice.checkpoint,
@@ -191,14 +155,12 @@ class RunExhibit:
             "choosing": thresholds and thresholds.state(),
             "bookmarks": self._bookmarks,
             "saving": self._saving,
-            **(self._asking.state() if self._asking else {}),
         }
 
     def react(self, request: Request) -> None:
         steered, thresholds = self._steered, self._thresholds()
         command = steered.player.command
-        shown = [each for each in self.behaviors if isinstance(each, Session)]
-        sessions = {*self._sessions, *shown}
+        sessions = {*self._sessions, *self.robots}
         match request:
             case {"act": "steer", "weights": weights} if len(weights) == len(steered.objectives):
                 total = sum(weights)
@@ -232,8 +194,8 @@ class RunExhibit:
             case {"act": "bookmark", "name": name}:
                 bookmark(self._choice.run, name, steered.tradeoff)
                 self._bookmarks = bookmarks(self._choice.run)
-            case {"name": "reset"} if self._asking is None:
-                for session in sessions:
+            case {"name": "reset"}:
+                for session in self.robots:
                     session.reset()
             case {"name": "push"}:
                 for session in sessions:
@@ -257,15 +219,16 @@ class RunExhibit:
                 if steered.front is None:
                     raise MorlaxError("There is no front: morlax evaluate RUN writes one.")
                 robots = steered.twin(), steered.twin()
-                questions = policy_questions(steered.front, robots, seed=self._rounds)
-                self._asking = ComparisonExhibit(questions)
+                self._asking = Comparison(steered.front, robots, seed=self._rounds)
                 self._rounds += 1
+            case {"act": "answer", "preferred": preferred} if self._asking is not None:
+                self._asking.answer(preferred)
+            case {"name": "skip"} if self._asking is not None:
+                self._asking.skip()
             case {"name": "use" | "leave" as name}:
                 if name == "use" and self._asking is not None:
-                    self._steer(self._asking.evidence["best_tradeoff"])
+                    self._steer(self._asking.best_tradeoff)
                 self._asking = None
-        if self._asking is not None:
-            self._asking.react(request)
 
     def _steer(self, tradeoff: Weights) -> None:
         self._steered.tradeoff = tradeoff
@@ -333,8 +296,3 @@ class RunExhibit:
         if time.monotonic() > self._scanned + SCAN:
             self._scanned, self._labels = time.monotonic(), library.labels()
         return {self._choice.run: self._choice.run, **self._labels}
-
-
-# What a page shows: `behaviors` are at least one, of equal models, `state` describes as JSON what
-# can change apart from poses, and `react` fulfills a request, or raises MorlaxError.
-Exhibit = ComparisonExhibit | RunExhibit

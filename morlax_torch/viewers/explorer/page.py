@@ -15,7 +15,7 @@ from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError, c
 from ...envs import MorlaxError
 from ...envs.errors import words
 from .. import libraries
-from .exhibits import Exhibit, Request
+from .exhibits import Request, RunExhibit
 from .server import Server, ServerConnection
 from .session import MAX_LAG, Put, frame_bytes, model_bytes
 
@@ -69,7 +69,7 @@ class Page:
             listened on.
     """
 
-    def __init__(self, make: Callable[[Put], Exhibit], host: str, port: int):
+    def __init__(self, make: Callable[[Put], RunExhibit], host: str, port: int):
         # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
         self._queue: Queue[Callable[[], None]] = Queue()
         self._opening: Request = {}  # the latest request to open a run
@@ -95,10 +95,10 @@ class Page:
                 self._show()
             if now >= frame:
                 frame = now + FRAME
-                poses = frame_bytes(self._exhibit.behaviors)
+                poses = frame_bytes(self._exhibit.robots)
                 if poses is not None:
                     self._server.send(poses)
-            waits = [behavior.until_next(pace) for behavior in self._exhibit.behaviors]
+            waits = [robot.until_next(pace) for robot in self._exhibit.robots]
             wait = min(*waits, MAX_LAG, frame - time.perf_counter())
             for action in drained(self._queue, max(wait, 0.0)):
                 self._attempt(action)
@@ -109,8 +109,8 @@ class Page:
         self._server.stop()
 
     def _advance(self, now: float, pace: float) -> None:
-        for behavior in self._exhibit.behaviors:
-            behavior.advance(now, pace)
+        for robot in self._exhibit.robots:
+            robot.advance(now, pace)
 
     def _hear(self, tab: ServerConnection, message: str | bytes | None) -> None:
         """Queue a browser's request, if it is one of `ACTS`; called in the server's thread."""
@@ -127,7 +127,7 @@ class Page:
 
     def _show(self, to: ServerConnection | None = None) -> None:
         """Send what has changed to all browsers, or everything to one."""
-        first = self._exhibit.behaviors[0]
+        first = self._exhibit.robots[0]
         if self._robot is not first.robot:
             self._robot, self._drawn = first.robot, None
             self._about = json.dumps({"type": "run", "about": first.about()})
@@ -140,7 +140,7 @@ class Page:
             "pace": self._pace,
             "failure": self._failure,
             **self._exhibit.state(),
-            "robots": [behavior.told() for behavior in self._exhibit.behaviors],
+            "robots": [robot.told() for robot in self._exhibit.robots],
         }
         if to is not None:
             for message in (self._about, self._model, json.dumps({"type": "state", **state})):

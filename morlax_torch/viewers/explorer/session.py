@@ -1,6 +1,5 @@
-"""Move one robot in real time, live or recorded, and encode its model and poses for the page."""
+"""Move one robot in real time, and encode its model and poses for the page."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Self
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...envs import MorlaxError
 from ...envs.naming import title
 from ...envs.worlds.design_space import DesignSpace
-from ...envs.worlds.trees import base_of, horizontal
+from ...envs.worlds.trees import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.loading import load, load_front
@@ -27,90 +26,23 @@ MODEL, FRAME = 0, 1  # first byte of a message to the page that is not JSON
 WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of the robot
 
 
-class Behavior(ABC):
-    """The states of one MuJoCo robot over time, as a page shows them.
-
-    `steps` are those since the beginning. `robot` is the same object for behaviors that look alike
-    and can stand side by side; `data` is the current state, in which `step` updates positions of
-    bodies; a step takes `dt` s.
-    """
-
-    def __init__(self, robot: object, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
-        self.robot, self.model, self.data, self.dt = robot, model, data, dt
-        self.steps, self._due = 0, 0.0
-        self._clock: float | None = None
-
-    @abstractmethod
-    def step(self) -> None:
-        """Move on by `dt` seconds, and count it in `steps`."""
-
-    @abstractmethod
-    def reset(self) -> None:
-        """Go back to the beginning."""
-
-    def about(self) -> dict[str, Any]:
-        """Describe the robot for a page, apart from its model and poses."""
-        robot = {"dt": self.dt, "followed": base_of(self.model)}
-        return {"title": "A or B?", "objectives": [], "pushed": [], "command": None, **robot}
-
-    def told(self) -> dict[str, Any]:
-        """Describe its trade-off and its episode."""
-        return {}
-
-    def advance(self, now: float, pace: float = 1.0) -> int:
-        """Take the steps that are due at clock time `now` in seconds; returns how many.
-
-        A pace of 1 is real time, and of 0 a pause.
-        """
-        elapsed = 0.0 if self._clock is None else now - self._clock
-        self._clock = now
-        self._due += min(elapsed, MAX_LAG) * pace
-        steps = int(self._due / self.dt + 1e-9)
-        self._due -= steps * self.dt
-        for _ in range(steps):
-            self.step()
-        return steps
-
-    def until_next(self, pace: float) -> float:
-        """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
-        return min(max(self.dt - self._due, 0.0) / max(pace, 1e-9), MAX_LAG)
-
-
-class Clip(Behavior):
-    """A robot that repeats recorded positions (T, nq), which are finite, or raises MorlaxError."""
-
-    def __init__(self, model: mujoco.MjModel, qpos: ArrayLike, dt: float):
-        super().__init__(model, model, mujoco.MjData(model), dt)
-        self._qpos = np.asarray(qpos, dtype=np.float64)
-        shape = self._qpos.shape
-        if shape[1:] != (model.nq,) or not self._qpos.size or not np.isfinite(self._qpos).all():
-            raise MorlaxError(f"a clip needs finite positions (T, {model.nq}), not of {shape}.")
-        self.reset()
-
-    def step(self) -> None:
-        self._show((self.steps + 1) % len(self._qpos))
-
-    def reset(self) -> None:
-        self._show(0)
-
-    def _show(self, step: int) -> None:
-        self.steps = step
-        self.data.qpos[:] = self._qpos[step]
-        mujoco.mj_kinematics(self.model, self.data)
-
-
-class Session(Behavior):
+class Session:
     """A robot and its trade-off.
 
     Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
-    that of the policies, if it was evaluated.
+    that of the policies, if it was evaluated. `robot` is the same object for sessions that look
+    alike and can stand side by side. `data` is the current state, of an episode with `steps` so
+    far; a step takes `dt` s.
     """
 
     def __init__(self, policy: Policy, front: Front | None):
         self.objectives, self.front = policy.objectives, front
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.player = player = Player(policy, self.tradeoff)
-        super().__init__(policy, player.model, player.data, player.env.dt)
+        self.robot: object = policy
+        self.model, self.data, self.dt = player.model, player.data, player.env.dt
+        self.steps, self._due = 0, 0.0
+        self._clock: float | None = None
         self.last_episode: dict[str, Any] | None = None
         self.axes = horizontal(self.model, player.env.base)
         self._acting_on, self._opened = self.tradeoff, policy
@@ -152,6 +84,24 @@ class Session(Behavior):
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0
 
+    def advance(self, now: float, pace: float = 1.0) -> int:
+        """Take the steps that are due at clock time `now` in seconds; returns how many.
+
+        A pace of 1 is real time, and of 0 a pause.
+        """
+        elapsed = 0.0 if self._clock is None else now - self._clock
+        self._clock = now
+        self._due += min(elapsed, MAX_LAG) * pace
+        steps = int(self._due / self.dt + 1e-9)
+        self._due -= steps * self.dt
+        for _ in range(steps):
+            self.step()
+        return steps
+
+    def until_next(self, pace: float) -> float:
+        """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
+        return min(max(self.dt - self._due, 0.0) / max(pace, 1e-9), MAX_LAG)
+
     def step(self) -> None:
         """Take one control step; if the episode is over, start a new one first."""
         player = self.player
@@ -184,6 +134,7 @@ class Session(Behavior):
         self.player.command[index] = min(max(value, low), high)
 
     def about(self) -> dict[str, Any]:
+        """Describe the robot for a page, apart from its model and poses."""
         env, front, policy = self.player.env, self.front, self.player.policy
         parameters = policy.agent.designs if self.design else {}
         return {
@@ -195,6 +146,7 @@ class Session(Behavior):
         }
 
     def told(self) -> dict[str, Any]:
+        """Describe its trade-off and its episode."""
         data = self.data
         return {
             "tradeoff": self.tradeoff,
@@ -220,15 +172,15 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
     return np.int32(MODEL).tobytes() + arrays
 
 
-def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
+def frame_bytes(sessions: Sequence[Session]) -> bytes | None:
     """Return steps, poses of bodies and forces at contacts, as 32-bit floats; None: not finite."""
     parts = [np.array([FRAME], np.int32).tobytes()]
-    for behavior in behaviors:
-        model, data = behavior.model, behavior.data
+    for session in sessions:
+        model, data = session.model, session.data
         if not np.isfinite(data.xpos).all():
             return None
         arrows = contact_arrows(model, data)
-        numbers = ([behavior.steps, len(arrows)], data.xpos, data.xquat, arrows)
+        numbers = ([session.steps, len(arrows)], data.xpos, data.xquat, arrows)
         parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
     return b"".join(parts)
 

@@ -41,7 +41,7 @@ async function main() {
   run().catch(report);
 }
 
-/** Show what the server of `morlax explore` or `morlax teach` shows. */
+/** Show what the server of `morlax explore` shows. */
 async function connect() {
   const { Remote } = await import("./engines/remote.js");
   const lost = () => announce("The server has stopped, or the connection is lost", true);

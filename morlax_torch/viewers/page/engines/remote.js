@@ -1,4 +1,4 @@
-// Robots that a server moves: `morlax explore` and `morlax teach`. See `Local` for the other engine.
+// Robots that a server moves: `morlax explore`. See `Local` for the other engine.
 
 import { Problem, arraysOf } from "../files.js";
 

@@ -12,7 +12,7 @@ export class AskingPanel {
     const answers = SIDES.map((side, i) => chip(side, "", () => engine.answer(i), robotColor(i)));
     $("answers").replaceChildren(...answers, chip("skip", "", () => engine.press("skip")));
     const ends = Object.entries(ENDS).map(([name, text]) => chip(text, "", () => engine.press(name)));
-    $("asking-ends").replaceChildren(...(engine.about.objectives.length ? ends : []));
+    $("asking-ends").replaceChildren(...ends);
   }
 
   show() {
@@ -21,10 +21,7 @@ export class AskingPanel {
     $("asking-section").hidden = !asking;
     document.body.classList.toggle("asking", Boolean(asking));
     if (!asking) return;
-    $("answers").hidden = asking.over;
-    $("question").textContent = asking.over
-      ? "There is nothing left to compare."
-      : `Which robot do you like better? Answers so far: ${asking.answers}`;
+    $("question").textContent = `Which robot do you like better? Answers so far: ${asking.answers}`;
     $("question").dataset.answers = asking.answers;
     $("told").textContent = this.#told(asking.told);
     $("evidence").textContent = this.#evidence(asking);
@@ -33,7 +30,7 @@ export class AskingPanel {
   /** Say what A and B of the question before earn. */
   #told(told) {
     const { front, objectives } = this.engine.about;
-    if (!told?.policies || !front) return "";
+    if (!told) return "";
     const lines = told.policies.map((policy, side) => {
       const sums = objectives.map((name, i) => `${name} ${short(front.returns[policy][i])}`);
       return `${SIDES[side]}: ${sums.join(", ")}`;
@@ -43,7 +40,7 @@ export class AskingPanel {
 
   /** Say which policy the visitor seems to like, and how sure that is. */
   #evidence({ answers, best_tradeoff: weights, confidence, left }) {
-    if (!answers || !weights) return "";
+    if (!answers) return "";
     const parts = this.engine.about.objectives.map((name, i) => `${name} ${weights[i].toFixed(2)}`);
     const rest = left ? `about ${left} more question${left > 1 ? "s" : ""}` : "that is enough";
     return `You seem to like ${parts.join(", ")} (${Math.round(100 * confidence)} % sure; ${rest}).`;

@@ -25,16 +25,13 @@ export class Panel {
     this.parts = [new AskingPanel(engine)];
     if (engine.can.open) this.parts.push(new RunLists(engine));
     this.plots = [];
-    const sections = ["robots", "tradeoff", "front", "episode"].map((name) => $(`${name}-section`));
-    for (const section of sections) section.hidden = this.names.length === 0;
-    $("choosing-section").hidden = !this.front || this.names.length === 0;
+    $("choosing-section").hidden = !this.front;
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
     const measure = () => engine.press("measure");
     this.command = this.#showNumbers("command", about.command?.limits, rounded, tell);
     this.design = this.#showNumbers("design", about.design, precise, reshape, measure);
     this.#showKinds(about);
-    if (!this.names.length) return;
     const choose = (weights) => {
       if (!engine.asking) engine.steer(weights);
     };
@@ -56,7 +53,6 @@ export class Panel {
     const { engine } = this;
     for (const part of this.parts) part.show();
     showNames(engine);
-    if (!this.names.length) return;
     const { steered, robots, selected, asking, choosing } = engine;
     this.weights.show(steered.tradeoff);
     this.command?.show(engine.command);

@@ -1,1 +1,0 @@
-"""Find out what a user wants from answers to "A or B?"."""
