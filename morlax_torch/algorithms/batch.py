@@ -93,12 +93,10 @@ class Table:
 
         Worlds are shuffled within their clusters and dealt out, so that every minibatch holds all
         clusters and generates each cluster's parameters once. If every world has its own trade-off,
-        whole clusters are dealt out instead, and a single minibatch has them in their order.
+        whole clusters are dealt out instead.
         """
         draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
         order = draws.argsort(1)
-        if self._dense and number == 1:  # as they are: PG-MORL's networks are those of places
-            order = torch.arange(order.shape[1], device=order.device)[None]
         dealt = []
         for part, chosen in zip(
             self._rows[self._firsts, order].chunk(number, 1), order.chunk(number, 1), strict=True

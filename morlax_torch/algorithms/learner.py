@@ -13,7 +13,7 @@ from ..envs import MorlaxError, Worlds
 from ..envs.devices import restore_generator, seed_of
 from ..gpu.graph import Graph
 from ..gpu.group import Group
-from ..networks.agent import Agent, Sizes, agent_class
+from ..networks.agent import Agent, Sizes
 from .rollout import Episodes, Rollout
 
 
@@ -24,11 +24,7 @@ def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
         tolerance = config.network.symmetry_tolerance
         networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
     generator = torch.Generator().manual_seed(config.seed)
-    return agent_class(config)(config, Sizes.of(env), generator, **networks).to(env.device)
-
-
-def copies(tensors: list[Tensor]) -> list[Tensor]:
-    return [value.detach().clone() for value in tensors]
+    return Agent(config, Sizes.of(env), generator, **networks).to(env.device)
 
 
 @torch.no_grad()
@@ -73,9 +69,8 @@ class Learner(ABC):
     """Trains an agent in worlds, one `iterate` at a time. `MORLAX` is one.
 
     An iteration explores T steps with K trade-offs, then learns; each half is recorded as a CUDA
-    graph. One generator draws everything; all state lives in tensors updated in place. `trained` is
-    the agent that explores and learns; `agent`, the one that is evaluated, is the same unless a
-    method keeps another. Arguments and errors are those of `MORLAX`, but for the agent.
+    graph. One generator draws everything; all state lives in tensors updated in place. Arguments
+    and errors are those of `MORLAX`, but for the agent.
     """
 
     group: Group
@@ -92,7 +87,7 @@ class Learner(ABC):
             )
         self.env, self.config, self.group = env, config, group
         group.share(agent)  # a user's networks may start differently in every process
-        self.agent = self.trained = agent
+        self.agent = agent
         self.iteration = self.env_steps = 0
         self.steps_per_iteration = config.worlds * config.horizon * group.size
         device, m = env.device, len(env.objectives)
@@ -221,8 +216,8 @@ class Learner(ABC):
         """
         tensors = self._state | self._process_state
         return {
-            **{name: copies(values) for name, values in tensors.items()},
-            "agent": {name: value.clone() for name, value in self.trained.state_dict().items()},
+            **{name: [x.detach().clone() for x in values] for name, values in tensors.items()},
+            "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
             "generator": self.generator.get_state(),
             "environment": self.env.state_dict() if self.env.resumable else {},
             "observation": self.observation.clone(),
@@ -235,7 +230,7 @@ class Learner(ABC):
         """Restore a state in place, so that recorded graphs stay valid."""
         for name, values in (self._state | self._process_state).items():
             restore(values, state[name])
-        self.trained.load_state_dict(state["agent"])
+        self.agent.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])

@@ -1,7 +1,6 @@
-"""The learners by name; those of `morlax_torch.baselines` are imported when asked for."""
+"""The learners by name."""
 
 from collections.abc import Callable
-from pkgutil import resolve_name
 
 from torch import nn
 
@@ -19,7 +18,6 @@ LEARNERS: dict[str, Callable[..., Learner]] = {
     "hyper-morl": HyperMORL,
     "independent": IndependentPPO,
 }
-BASELINES = {"pg-morl": "morlax_torch.baselines.pg_morl.learner:PGMORL"}
 
 
 def make_learner(
@@ -33,5 +31,4 @@ def make_learner(
     """Make the learner of the config's algorithm; `MORLAX` explains the arguments and errors."""
     if config.algorithm == "rsl-rl":
         raise MorlaxError("algorithm rsl-rl trains in rsl_rl's own runner (docs/rsl-rl.md).")
-    make = LEARNERS.get(config.algorithm) or resolve_name(BASELINES[config.algorithm])
-    return make(env, config, actor=actor, critic=critic, group=group)
+    return LEARNERS[config.algorithm](env, config, actor=actor, critic=critic, group=group)

@@ -10,7 +10,6 @@ from ..envs.worlds.environment import Environment
 from ..envs.worlds.mirror import check
 from ..gpu.group import ALONE, Group
 from ..host.resources import one_thread
-from ..networks.agent import Agent
 from .batch import Table, expected_returns, make_batch
 from .learner import Learner, make_agent
 from .ppo import PPO
@@ -58,7 +57,7 @@ class DesignDraws:
 
 
 class Trainer(Learner):
-    """Trains an agent with PPO; `agent` replaces the one of the config. See `MORLAX`."""
+    """Trains an agent with PPO. See `MORLAX`."""
 
     def __init__(
         self,
@@ -68,14 +67,13 @@ class Trainer(Learner):
         critic: nn.Module | None = None,
         *,
         group: Group = ALONE,
-        agent: Agent | None = None,
     ):
         if config.ppo.truncation == "bootstrap" and not env.shows_endings:
             raise MorlaxError(
                 "these worlds do not show how an episode ended, so there is no value to bootstrap "
                 "from: set ppo.truncation to mask."
             )
-        agent = agent or make_agent(env, config, actor=actor, critic=critic)
+        agent = make_agent(env, config, actor=actor, critic=critic)
         super().__init__(env, config, agent, group)
         self.ppo = PPO(agent, config.ppo, group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
@@ -116,7 +114,7 @@ class Trainer(Learner):
                 self.observation.copy_(self.env.critic_observation())
             collect(
                 self.env,
-                self.trained.actors(self.conditions).explore,
+                self.agent.actors(self.conditions).explore,
                 self.observation,
                 self.rollout.first(steps or self.config.horizon),
                 self.generator,
@@ -127,9 +125,7 @@ class Trainer(Learner):
         if not self.scalarization.uses_returns:
             return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
         ppo, length = self.config.ppo, self.env.episode_length
-        returns = expected_returns(
-            self.trained, self.conditions, self._starts, ppo.discount, length
-        )
+        returns = expected_returns(self.agent, self.conditions, self._starts, ppo.discount, length)
         self.scalarization.observe(self.tradeoffs, returns, self.group)
         weights = self.scalarization.weights(self.tradeoffs, returns)
         # only the direction counts, so that no trade-off learns faster than another
@@ -141,7 +137,7 @@ class Trainer(Learner):
         if self.config.decay_fraction:
             self.ppo.decay(decay)
         batch, explained = make_batch(
-            self.trained, self.conditions, self.rollout, config, self._weights(), self.group
+            self.agent, self.conditions, self.rollout, config, self._weights(), self.group
         )
         losses = torch.zeros(len(PPO.metrics), dtype=torch.float32, device=self.env.device)
         table = Table(batch)
@@ -152,7 +148,7 @@ class Trainer(Learner):
             losses += self.ppo.improve(parts, self.generator, first, last)
         # Only now: during the update the policies must see the inputs that they acted on. Decayed
         # too, since policies cannot follow a moving normalizer once their learning rate is zero.
-        self.trained.observation_normalizer.update(self.rollout.observation, decay, self.group)
+        self.agent.observation_normalizer.update(self.rollout.observation, decay, self.group)
         self._count(self.rollout)
         self._metrics += torch.cat([losses / config.epochs, explained])
 

@@ -19,6 +19,7 @@ from .sections import (
     DESIGNING,
     Algorithm,
     EvaluationConfig,
+    HyperMORLOptions,
     HyperSACOptions,
     MethodOptions,
     NetworkConfig,
@@ -132,8 +133,7 @@ class Config(Section):
     @property
     def num_networks(self) -> int:
         """R, the number of independent networks; 0 of other types."""
-        independent = self.network.type == "independent"
-        return self.method.num_networks or (self.sampling.clusters if independent else 0)
+        return self.sampling.clusters if self.network.type == "independent" else 0
 
     @property
     def off_policy(self) -> bool:
@@ -154,7 +154,7 @@ class Config(Section):
         limited = {
             "decay_fraction": self.decay_fraction,
             "sampling.focus": self.sampling.focus,
-            f"algorithm {self.algorithm}": self.method.warms_up,
+            f"algorithm {self.algorithm}": isinstance(self.method, HyperMORLOptions),
         }
         for name in (name for name, used in limited.items() if used and not self.ends):
             raise ValueError(f"{name} needs max_env_steps or max_seconds: it takes a share of them")
@@ -168,7 +168,7 @@ class Config(Section):
                     f"{name} is {typed}, but algorithm {self.algorithm} needs {value}: leave it out"
                 )
         if self.network.type == "independent" and "network.type" not in required:
-            raise ValueError("network.type independent needs algorithm independent or pg-morl")
+            raise ValueError("network.type independent needs algorithm independent")
         if self.network.asymmetry and not self.network.symmetric:
             raise ValueError(
                 "network.asymmetry needs network.symmetric: set that too, or network.asymmetry to 0"
@@ -188,7 +188,7 @@ class Config(Section):
             raise unknown("objective", objective, self.task.objectives)
         if self.ppo.critic == "scalar":
             raise ValueError(f"scalarization {name} needs ppo.critic vector")
-        if self.method.weighted_sums:
+        if self.off_policy:
             raise ValueError(
                 f"algorithm {self.algorithm} needs weighted sums: leave out scalarization"
             )

@@ -1,14 +1,13 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from pkgutil import resolve_name
 from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
 from ..envs.worlds.options import Count, Section
 
-Algorithm = Literal["morlax", "hyper-sac", "amor", "hyper-morl", "pg-morl", "independent", "rsl-rl"]
+Algorithm = Literal["morlax", "hyper-sac", "amor", "hyper-morl", "independent", "rsl-rl"]
 # rsl-rl trains in rsl_rl's own runner
 ALGORITHMS: tuple[str, ...] = tuple(name for name in get_args(Algorithm) if name != "rsl-rl")
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
@@ -141,27 +140,16 @@ class EvaluationConfig(Section):
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
 
-    weighted_sums: ClassVar[bool] = False  # whether it knows no other scalarization
-    warms_up: ClassVar[bool] = False  # for a share of the run, which must have an end
-    agent: ClassVar[str] = "morlax_torch.networks.agent:Agent"  # imported when one is made
-
-    @property
-    def num_networks(self) -> int:
-        """R of the algorithm's own number of independent networks; 0: as `sampling` says."""
-        return 0
-
 
 class HyperMORLOptions(MethodOptions):
     """HYPER-MORL has no options, but a constant."""
 
-    warms_up: ClassVar[bool] = True
     warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
 
 
 class RslRlOptions(MethodOptions):
     """What the networks of `ParetoPPO` have that others have not."""
 
-    agent: ClassVar[str] = "morlax_torch.networks.unbounded:RslRlAgent"
     activation: Annotated[str, Field(pattern=r"^\w+$")] = "ELU"
     """Class of torch.nn of the actors' activations."""
 
@@ -169,7 +157,6 @@ class RslRlOptions(MethodOptions):
 class HyperSACOptions(MethodOptions):
     """Options of hyper-sac."""
 
-    weighted_sums: ClassVar[bool] = True
     start: ClassVar[int] = 5_000  # transitions to store before the first gradient step
     target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
     steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows
@@ -191,10 +178,9 @@ class HyperSACOptions(MethodOptions):
     shorter."""
 
 
-OPTIONS: dict[str, type[MethodOptions] | str] = {  # classes of baselines by name
+OPTIONS: dict[str, type[MethodOptions]] = {
     "hyper-sac": HyperSACOptions,
     "hyper-morl": HyperMORLOptions,
-    "pg-morl": "morlax_torch.baselines.pg_morl.options:PGMORLOptions",
     "rsl-rl": RslRlOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
@@ -202,5 +188,4 @@ DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
 
 def options_class(algorithm: str) -> type[MethodOptions]:
     """Return the class of an algorithm's options."""
-    kind = OPTIONS.get(algorithm, MethodOptions)
-    return resolve_name(kind) if isinstance(kind, str) else kind
+    return OPTIONS.get(algorithm, MethodOptions)

@@ -45,8 +45,7 @@ class FamilyPolicy(nn.Module):
     def forward(self, observation: Tensor, tradeoff: Tensor) -> Tensor:
         condition = torch.cat([tradeoff, self.context]) if len(self.context) else tradeoff
         parameters = {name: value[0] for name, value in self.actor(condition[None]).items()}
-        normalizer = self.normalizer.of(self.actor, tradeoff)
-        return TanhNormal(self.actor.run_one(parameters, normalizer(observation))).mode
+        return TanhNormal(self.actor.run_one(parameters, self.normalizer(observation))).mode
 
 
 def export(
@@ -104,7 +103,7 @@ def _samples(policy: Policy, rows: int) -> tuple[Tensor, Tensor]:
     noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
-    return agent.observation_normalizer.of(agent.actor, tradeoff).inverse(noise), tradeoff
+    return agent.observation_normalizer.inverse(noise), tradeoff
 
 
 def manifest(

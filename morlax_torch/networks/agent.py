@@ -3,7 +3,6 @@
 import copy
 from collections.abc import Callable, Mapping
 from functools import partial
-from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -52,12 +51,8 @@ class Actors(NamedTuple):
 
     def copy_(self, other: Self, rows: slice = slice(None)) -> None:
         """Copy the numbers of other actors to these rows, in place: recorded graphs read them."""
-        mine, values = [*self.parameters.values()], [*other.parameters.values()]
-        if self.normalizer is not other.normalizer:  # else it is the agent's, always up to date
-            mine += self.normalizer.statistics()
-            values += other.normalizer.statistics()
-        for target, source in zip(mine, values, strict=True):
-            target[rows].copy_(source)
+        for name, values in self.parameters.items():
+            values[rows].copy_(other.parameters[name])
 
 
 class SpecializedPolicy(nn.Module):
@@ -238,8 +233,8 @@ class Agent(nn.Module):
 
     def actors(self, tradeoffs: Tensor) -> Actors:
         """Generate the actors of K trade-offs (K, m) or conditions (K, m + d)."""
-        normalizer = self.observation_normalizer.of(self.actor, tradeoffs)
-        return Actors(self.actor(self.conditions(tradeoffs)), self.actor, normalizer, self._max_std)
+        parameters = self.actor(self.conditions(tradeoffs))
+        return Actors(parameters, self.actor, self.observation_normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:
         """Return a function from *normalized* features (K, B, O + P) to action distributions."""
@@ -253,11 +248,5 @@ class Agent(nn.Module):
 
     def specialize(self, tradeoff: Tensor) -> SpecializedPolicy:
         """Return the policy of one trade-off (m,) as a plain module with its own parameters."""
-        normalizer = self.observation_normalizer.of(self.actor, tradeoff)
         actor = self.actor.specialize(self.conditions(tradeoff))
-        return SpecializedPolicy(copy.deepcopy(normalizer), actor)
-
-
-def agent_class(config: Config) -> type[Agent]:
-    """Return the class of a config's agents: an algorithm may have agents of its own kind."""
-    return resolve_name(config.method.agent)
+        return SpecializedPolicy(copy.deepcopy(self.observation_normalizer), actor)

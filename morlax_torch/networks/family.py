@@ -217,12 +217,10 @@ class Generated(nn.Module, ABC):
 
 
 class Independent(Generated):
-    """R networks that share no parameters; a trade-off w gets the one it values most.
+    """R networks that share no parameters, for `keys` (R, m); a trade-off gets the nearest one.
 
-    That is the network r with the largest w . keys[r] + offsets[r]. With points a of the simplex as
-    keys and -|a|²/2 as offsets, it is the nearest one; with returns as keys and no offsets, the one
-    with the largest weighted return. All networks start as the target, with points of the simplex
-    as keys.
+    For w, that is the network r with the largest w . keys[r] + offsets[r], where offsets are
+    -|keys[r]|²/2. All networks start as the target.
     """
 
     keys: Tensor
@@ -239,7 +237,7 @@ class Independent(Generated):
         return self.rows.index_select(0, self.chosen(conditions))
 
     def chosen(self, tradeoffs: Tensor) -> Tensor:
-        """Return the index (...) of the network of each trade-off (..., m)."""
+        """Return the index (K,) of the network of each trade-off (K, m)."""
         # no matrix product, which GPUs round to TF32: keys may differ by less than that
         products = on_simplex(tradeoffs)[..., None, :] * self.keys
         return (products.sum(-1) + self.offsets).argmax(-1)

@@ -7,7 +7,6 @@ from torch import Tensor, nn
 
 from ..envs.worlds.mirror import Reflection
 from ..gpu.group import ALONE, Group
-from .family import Family
 
 LIMIT = 10.0  # standard deviations; values further out are clipped
 
@@ -39,23 +38,15 @@ class Normalizer(nn.Module):
             self.register_buffer("mirror_order", reflection.order, persistent=False)
             self.register_buffer("mirror_sign", reflection.sign, persistent=False)
 
-    def of(self, actor: Family, tradeoffs: Tensor) -> "Normalizer":
-        """Return the statistics for the actors of trade-offs (K, m), or of one (m,): the same."""
-        return self
-
-    def statistics(self) -> list[Tensor]:
-        """Return the tensors that `update` changes."""
-        return [self.mean, self.variance, self.count, self.scale]
-
     def forward(self, x: Tensor) -> Tensor:
         size = x.shape[-1]
-        centered = x - self.mean[..., :size]
-        return (centered * self.scale[..., :size]).clamp(-self.limit, self.limit)
+        centered = x - self.mean[:size]
+        return (centered * self.scale[:size]).clamp(-self.limit, self.limit)
 
     def inverse(self, x: Tensor) -> Tensor:
         """Map normalized values back to natural units."""
         size = x.shape[-1]
-        return x / self.scale[..., :size] + self.mean[..., :size]
+        return x / self.scale[:size] + self.mean[:size]
 
     @torch.no_grad()
     def update(self, x: Tensor, weight: float | Tensor = 1.0, group: Group = ALONE) -> None:
@@ -66,16 +57,13 @@ class Normalizer(nn.Module):
         """
         if self._mirrors:
             x = torch.cat([x, Reflection(self.mirror_order, self.mirror_sign)(x)])
-        x = self._samples(x)
-        batch_variance, batch_mean = torch.var_mean(x, -2, correction=0, keepdim=x.dim() > 2)
+        x = x.flatten(0, -2)
+        batch_variance, batch_mean = torch.var_mean(x, 0, correction=0)
         batch_mean, batch_variance = group.moments(batch_mean, batch_variance)
-        number = x.shape[-2] * group.size
+        number = len(x) * group.size
         self.count += number
         share = (number / self.count).float() * weight
         shift = batch_mean - self.mean
         self.variance.lerp_(batch_variance, share).add_(shift.square() * share * (1 - share))
         self.mean.add_(shift * share)
         self.scale.copy_((self.variance + 1e-8).rsqrt())
-
-    def _samples(self, x: Tensor) -> Tensor:
-        return x.flatten(0, -2)

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.files import write_record
-from ..configuration.sections import Protocol
+from ..configuration.sections import Protocol, RslRlOptions
 from ..configuration.tradeoffs import parse_tradeoff
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST, line, unknown
@@ -20,9 +20,10 @@ from ..envs.worlds.options import PLAIN_NAME
 from ..evaluation.evaluator import make_evaluator
 from ..evaluation.front import Front
 from ..host.files import AnyPath, making, read, write_file
-from ..networks.agent import Sizes, agent_class
+from ..networks.agent import Agent, Sizes
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
+from ..networks.unbounded import RslRlAgent
 from . import checkpoint, hardware, references
 from .checkpoint import POLICY, Task
 from .progress import read_rows
@@ -129,7 +130,8 @@ def load(
     contents = checkpoint.load(path)
     config = checkpoint.read_config(contents, path)
     task, networks = contents.environment, dict(contents.own_networks)
-    agent = agent_class(config)(config, Sizes.of(task), actor=actor)
+    make = RslRlAgent if isinstance(config.method, RslRlOptions) else Agent
+    agent = make(config, Sizes.of(task), actor=actor)
     state, complete = contents.agent, contents.policy is None
     if networks.pop("critic", None):  # a user's critic, which policies do not need
         state = {name: value for name, value in state.items() if not name.startswith("critic.")}

@@ -64,7 +64,6 @@ def test_mirrored_observations_give_mirrored_actions_and_equal_values(tmp_path, 
 def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constants):
     learning = {"method.batch": 8, "method.updates": 2} if algorithm == "hyper-sac" else {}
     constants("hyper-sac", start=32)
-    constants("pg-morl", warmup=1, generation=1)
     changes = {"network.symmetric": True, "task.reset_noise": 0.3, **learning}
     config = tiny("mirrored", algorithm=algorithm, **changes)
     learner = make_learner(config.make_worlds(config.worlds, config.seed), config)

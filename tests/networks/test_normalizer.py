@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch.baselines.pg_morl.agent import Normalizers
-from morlax_torch.networks.family import Independent
 from morlax_torch.networks.normalizer import Normalizer
 
 
@@ -71,25 +69,3 @@ def test_outliers_are_clipped_to_ten_standard_deviations(batches):
 def test_a_constant_column_stays_finite():
     normalizer = normalizer_of([np.full((20, 1), 7.0)])
     assert normalizer(torch.tensor([[7.0], [8.0]])).tolist() == [[0.0], [10.0]]
-
-
-def test_rows_equal_normalizers_of_their_own():
-    generator = torch.Generator().manual_seed(1)
-    rows, own = Normalizers(3, 4), [Normalizer(3) for _ in range(4)]
-    for weight in (1.0, 0.5):
-        batch = torch.randn(6, 4, 5, 3, generator=generator) * torch.arange(1.0, 5)[:, None, None]
-        rows.update(batch + 1, weight)
-        for k, each in enumerate(own):
-            each.update(batch[:, k] + 1, weight)
-    x = torch.randn(6, 4, 5, 2, generator=generator)
-    seen = torch.stack([each(x[:, k]) for k, each in enumerate(own)], 1)
-    torch.testing.assert_close(rows(x), seen)
-    back = torch.stack([each.inverse(x[:, k]) for k, each in enumerate(own)], 1)
-    torch.testing.assert_close(rows.inverse(x), back)
-    actor = Independent(torch.nn.Linear(1, 1), torch.eye(4))
-    weights = torch.eye(4)[[2, 0, 2]], torch.eye(4)[3]
-    chosen, one = (rows.of(actor, tradeoffs) for tradeoffs in weights)
-    expected = torch.stack([own[i](x[:, k]) for k, i in enumerate((2, 0, 2))], 1)
-    torch.testing.assert_close(chosen(x[:, :3]), expected)
-    torch.testing.assert_close(one(x), own[3](x))
-    assert one.count == own[3].count == 60 and one.mean.shape == (3,)

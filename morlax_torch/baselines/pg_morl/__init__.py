@@ -1,1 +1,0 @@
-"""PG-MORL: a population of policies, trained where a model predicts the best front."""
