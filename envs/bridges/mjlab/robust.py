@@ -62,7 +62,7 @@ class LateAction(JointPositionAction):
         super().__init__(cfg, env)
         self._substeps, self._most = env.cfg.decimation, round(LATEST / env.physics_dt)
         number = 1 + math.ceil(self._most / self._substeps)
-        self._offset = torch.zeros_like(self._raw_actions) + self._offset
+        self._offset = torch.zeros_like(self.raw_action) + self._offset
         self._sent = self._offset[:, None].repeat(1, number, 1)  # newest first
         self._lag = torch.zeros(env.num_envs, dtype=torch.long, device=env.device)
         self.reset(slice(None))
