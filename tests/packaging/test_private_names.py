@@ -29,7 +29,7 @@ USES: dict[str, tuple[str, Callable[[], None]]] = {}  # name: library and test
 OF_MJLAB = {
     *("_reset_mask", "_reset_mask_wp", "_wrapped_cache", "_torch_stream", "_setup_stream"),
     *("_mode_term_cfgs", "_interval_term_time_left", "_group_obs_class_term_cfgs"),
-    *("_class_term_cfgs", "_step_reward", "_clip"),
+    *("_class_term_cfgs", "_step_reward", "_clip", "_uniform_sampling"),
 }
 
 
