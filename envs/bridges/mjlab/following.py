@@ -61,20 +61,15 @@ def end_effectors(cfg: Any) -> tuple[str, ...]:
 def landing_impact(env: Any) -> Tensor:
     """Return (N,): how much load hands and feet took in this control step, in weights, squared."""
     forces = env.scene[SENSOR].data.force_history.norm(dim=-1)  # (N, ends, newest first)
-    rise = (forces[..., :-1].amax(-1) - forces[..., -1]).clamp(min=0) / weight(env)
+    model = env.sim.mj_model
+    weight = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity))
+    rise = (forces[..., :-1].amax(-1) - forces[..., -1]).clamp(min=0) / weight
     began = env.episode_length_buf <= 1  # the sensor did not see what the robot stood on
     return rise.square().sum(1) * ~began
 
 
-def weight(env: Any) -> float:
-    model = env.sim.mj_model
-    return float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity))
-
-
 class Following:
     """Measures N robots of an environment of mjlab that follow a motion."""
-
-    quantities, lower_is_better = QUANTITIES, QUANTITIES
 
     def __init__(self, env: Any, command: Any):
         self._env, self._command, self._robot = env, command, command.robot

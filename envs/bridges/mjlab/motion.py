@@ -12,11 +12,8 @@ import numpy as np
 
 from ...errors import MorlaxError
 
-KEYS = (
-    *("joint_pos", "joint_vel", "body_pos_w", "body_quat_w"),
-    *("body_lin_vel_w", "body_ang_vel_w"),
-)
-FASTEST, FASTEST_ROOT = 50.0, 20.0  # rad/s of a joint or the root, m/s; faster is a jump
+BODIES = ("body_pos_w", "body_quat_w", "body_lin_vel_w", "body_ang_vel_w")
+KEYS = ("joint_pos", "joint_vel", *BODIES)
 
 
 @cache
@@ -30,13 +27,10 @@ def prepared(path: Path, changed: int, fps: float, rate: float, robot: Any) -> t
         fps, rate: frames per second of a CSV file; control steps per second.
         robot: makes its MjSpec.
     """
-    model = robot().compile()
-    if path.suffix.lower() == ".csv":
-        qpos = _from_csv(path, model)
-    else:
-        qpos, fps = _from_npz(path, model)
+    model, is_csv = robot().compile(), path.suffix.lower() == ".csv"
+    qpos, fps = (_from_csv(path, model), fps) if is_csv else _from_npz(path, model)
     _check(path, qpos, fps, model)
-    if path.suffix.lower() != ".csv" and fps == rate:
+    if np.isclose(fps, rate) and not is_csv:
         return path, len(qpos)
     qpos = resampled(qpos, fps, rate, model)
     file = Path(tempfile.mkdtemp(dir=_folder().name), f"{path.stem}.npz")
@@ -54,8 +48,10 @@ def _from_csv(path: Path, model: mujoco.MjModel) -> np.ndarray:
     try:
         with warnings.catch_warnings(action="ignore"):  # that it is empty
             rows = np.loadtxt(path, delimiter=",", ndmin=2)
-    except ValueError as error:
-        raise MorlaxError(f"{path} is not a CSV file of numbers: {error}.") from None
+    except ValueError:
+        raise MorlaxError(
+            f"{path} is not a CSV file of numbers, without a header and as many in each line."
+        ) from None
     if rows.size and rows.shape[1] != model.nq:
         raise MorlaxError(
             f"{path} has {rows.shape[1]} columns, but a motion of this robot {model.nq}: x y z of "
@@ -70,30 +66,26 @@ def _from_npz(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, float]:
         with np.load(path) as file:
             motion = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile):
-        raise MorlaxError(f"{path} is not a motion: it is neither a CSV nor an npz file.") from None
+        raise MorlaxError(f"{path} is neither a CSV nor an npz file.") from None
     if missing := [name for name in (*KEYS, "fps") if name not in motion]:
         raise MorlaxError(
-            f"{path} lacks {', '.join(missing)}: a motion in mjlab's format has "
-            f"{', '.join(KEYS)}, and its frame rate fps."
+            f"{path} lacks {', '.join(missing)}: a motion in mjlab's format has {', '.join(KEYS)} "
+            "and its frame rate, fps."
         )
-    joints, bodies = model.nq - 7, model.nbody - 1
-    positions, rotations, angles = motion["body_pos_w"], motion["body_quat_w"], motion["joint_pos"]
-    of_motion = *angles.shape[1:], *positions.shape[1:2]
-    if of_motion != (joints, bodies):
+    angles, speeds, positions, rotations = (motion[name] for name in KEYS[:4])
+    found, own = (angles.shape[-1], positions.shape[1]), (model.nq - 7, model.nbody - 1)
+    if found != own:
         raise MorlaxError(
-            f"{path} is a motion of another robot: it has {angles.shape[-1]} joints and "
-            f"{positions.shape[1]} bodies, and this robot {joints} and {bodies}."
+            f"{path} is a motion of another robot: it has {found[0]} joints and {found[1]} bodies, "
+            f"and this robot {own[0]} and {own[1]}."
         )
     fps = float(np.ravel(motion["fps"])[0])
-    if not fps > 0:
-        raise MorlaxError(f"{path} has the frame rate {fps:g}: fps must be above 0.")
-    if len(angles) > 1:
-        moved, told = (np.linalg.norm(x) for x in (np.diff(angles, axis=0) * fps, motion[KEYS[1]]))
-        if not 0.7 * moved <= told <= 1.4 * moved:
-            raise MorlaxError(
-                f"{path} says {fps:g} frames per second, but joint_vel is that of about "
-                f"{fps * told / max(moved, 1e-9):.0f}: correct its fps."
-            )
+    moved, told = np.linalg.norm(np.diff(angles, axis=0)), np.linalg.norm(speeds[:-1])
+    if not fps > 0 or told < 0.7 * fps * moved or told > 1.4 * fps * moved:
+        raise MorlaxError(
+            f"{path} says {fps:g} frames per second, but its joint_vel is that of about "
+            f"{told / max(moved, 1e-9):.0f}: correct its fps."
+        )
     return np.concatenate([positions[:, 0], rotations[:, 0], angles], 1).astype(float), fps
 
 
@@ -105,15 +97,13 @@ def _check(path: Path, qpos: np.ndarray, fps: float, model: mujoco.MjModel) -> N
         raise MorlaxError(f"{path} has a number that is not finite in frame {finite.argmin()}.")
     if abs(np.linalg.norm(qpos[:, 3:7], axis=1) - 1).max() > 0.01:
         raise MorlaxError(f"{path} has a quaternion of the root that is not of length one.")
-    moves = abs(_differences(qpos[:-1], qpos[1:], 1 / fps, model))
-    for speeds, limit, what in (
-        (moves[:, :3].max(1), FASTEST_ROOT, "the root at {:.0f} m/s"),
-        (moves[:, 3:].max(1), FASTEST, "a joint or the root at {:.0f} rad/s"),
-    ):
-        if speeds.max() > limit:
+    speeds = abs(_differences(qpos[:-1], qpos[1:], 1 / fps, model))
+    for part, fastest, unit in ((speeds[:, :3], 20, "m/s"), (speeds[:, 3:], 50, "rad/s")):
+        if part.max() > fastest:
             raise MorlaxError(
-                f"{path} jumps after frame {speeds.argmax()}: it moves "
-                f"{what.format(speeds.max())}, at {fps:g} frames per second (--task.motion-fps)."
+                f"{path} jumps after frame {part.max(1).argmax()}, at {part.max():.0f} {unit} if "
+                f"it has {fps:g} frames per second: at most {fastest} are possible "
+                "(--task.motion-fps is the rate of a CSV file)."
             )
 
 
@@ -148,18 +138,14 @@ def arrays(qpos: np.ndarray, rate: float, model: mujoco.MjModel) -> dict[str, np
     before, after = (index - 1).clip(min=0), (index + 1).clip(max=len(qpos) - 1)
     qvel = _differences(qpos[before], qpos[after], (after - before) / rate, model)
     data, twist = mujoco.MjData(model), np.zeros(6)
-    poses, twists = np.zeros((len(qpos), model.nbody, 7)), np.zeros((len(qpos), model.nbody, 6))
+    bodies = np.zeros((len(qpos), model.nbody - 1, 13))
     for frame in index:
         data.qpos, data.qvel = qpos[frame], qvel[frame]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        poses[frame] = np.concatenate([data.xpos, data.xquat], 1)
-        for body in range(1, model.nbody):
+        for body, row in enumerate(bodies[frame], 1):
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
-            twists[frame, body] = twist
-    parts = (
-        *(qpos[:, 7:], qvel[:, 6:], poses[:, 1:, :3], poses[:, 1:, 3:]),
-        *(twists[:, 1:, 3:], twists[:, 1:, :3]),
-    )
-    return dict(zip(KEYS, (part.astype(np.float32) for part in parts), strict=True))
+            row[:] = *data.xpos[body], *data.xquat[body], *twist[3:], *twist[:3]
+    parts = qpos[:, 7:], qvel[:, 6:], *np.split(bodies, [3, 7, 10], 2)
+    return {name: part.astype(np.float32) for name, part in zip(KEYS, parts, strict=True)}

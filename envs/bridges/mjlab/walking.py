@@ -26,8 +26,6 @@ COLUMNS = 9  # of `Walking.measure`, before those of joints
 class Walking:
     """Measures N robots of an environment of mjlab that follow a velocity command."""
 
-    quantities, lower_is_better = QUANTITIES, LOWER_IS_BETTER
-
     def __init__(self, env: Any, command: Any):
         self._model, self._command, self._robot = env.sim.mj_model, command, command.robot
         indexing = self._robot.indexing

@@ -28,7 +28,7 @@ from .history import History, lengths
 from .mirror import mirror_of
 from .motion import prepared
 from .step import COMMAND, MaskedStep, supported
-from .walking import Walking
+from .walking import LOWER_IS_BETTER, QUANTITIES, Walking
 
 ENDINGS = "endings"  # mjlab's name of the recorder
 BLOWN_UP = "blown_up"  # of the termination
@@ -124,15 +124,13 @@ class MjlabWorlds(ForeignWorlds):
         self.action_size = self.env.action_manager.total_action_dim
         manager = self.env.command_manager
         terms = {type(term).__name__: term for term in map(manager.get_term, manager.active_terms)}
-        self._following = self._measures = None
-        if following.COMMAND in terms and following.end_effectors(self.env.cfg):
-            self._following = Following(self.env, terms[following.COMMAND])
-            self._measures = self._following
-        elif COMMAND in terms:
+        self._measures: Walking | Following | None = None
+        if COMMAND in terms:
             self._measures = Walking(self.env, terms[COMMAND])
-        if self._measures:
-            self.quantities = self._measures.quantities
-            self.lower_is_better = self._measures.lower_is_better
+            self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
+        elif following.COMMAND in terms and following.end_effectors(self.env.cfg):
+            self._measures = Following(self.env, terms[following.COMMAND])
+            self.quantities = self.lower_is_better = following.QUANTITIES
         self._step = MaskedStep(self.env, self.groups) if masked else None
 
     def _remember(self) -> None:
@@ -153,8 +151,8 @@ class MjlabWorlds(ForeignWorlds):
 
     def share_draws(self, episodes: Tensor, number: int) -> None:
         super().share_draws(episodes, number)
-        if self._following:
-            self._following.start(episodes, self.episode_length)
+        if isinstance(self._measures, Following):
+            self._measures.start(episodes, self.episode_length)
         elif self._step is None:
             return  # mjlab draws for some worlds at a time
         self._sharing = SharedDraws(episodes.to(self.device))
@@ -185,8 +183,8 @@ class MjlabWorlds(ForeignWorlds):
 
     def _advance(self, action: Tensor) -> Outcome:
         env, scaled = self.env, action.clamp(-1, 1) * self.options.action_scale
-        if self._following:
-            self._following.look()
+        if isinstance(self._measures, Following):
+            self._measures.look()
         with drawing_from(self.generator), self._sharing:
             if self._step is not None:
                 groups, before, failed, timed_out = self._step(scaled)
@@ -322,10 +320,9 @@ def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
     """Return the file of the motion that a command of mjlab follows, in mjlab's format."""
     file = Path(options.motion_file or command.motion_file)
     if not file.is_file():
-        wrong = f", and {file} is no file" if options.motion_file else ""
         raise MorlaxError(
-            f"{name} follows a motion{wrong}: name its file with --task.motion-file FILE.npz or "
-            "FILE.csv."
+            f"{name} follows a motion{options.motion_file and ', and that is no file'}: name its "
+            "file with --task.motion-file FILE.npz, or FILE.csv."
         )
     rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
     robot = cfg.scene.entities[command.entity_name].spec_fn
