@@ -91,10 +91,7 @@ class Following:
         )
 
     def start(self, episodes: Tensor, length: int) -> None:
-        """Start those of `episodes` (N,) at frames spread over the motion, each always at its own.
-
-        An episode of `length` ends before the motion does.
-        """
+        """Start each of `episodes` (N,) at its frame, so early that it ends before the motion."""
         command = self._command
         frames = command.motion.time_step_total - length
         starts = (episodes * GOLDEN % 1 * frames).long().to(command.device)

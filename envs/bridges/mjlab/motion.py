@@ -20,12 +20,8 @@ KEYS = ("joint_pos", "joint_vel", *BODIES)
 def prepared(path: Path, changed: int, fps: float, rate: float, robot: Any) -> tuple[Path, int]:
     """Return a file in mjlab's format with one frame per control step, and the number of frames.
 
-    That is `path` itself where it has this format and rate, else a temporary file of this process.
-
-    Args:
-        changed: time of the file's last change.
-        fps, rate: frames per second of a CSV file; control steps per second.
-        robot: makes its MjSpec.
+    That is `path`, last `changed` then, where it has this format and `rate`, else a temporary file
+    of this process. `fps` is the rate of a CSV file; `robot` makes its MjSpec.
     """
     model, is_csv = robot().compile(), path.suffix.lower() == ".csv"
     qpos, fps = (_from_csv(path, model), fps) if is_csv else _from_npz(path, model)
@@ -97,7 +93,7 @@ def _check(path: Path, qpos: np.ndarray, fps: float, model: mujoco.MjModel) -> N
         raise MorlaxError(f"{path} has a number that is not finite in frame {finite.argmin()}.")
     if abs(np.linalg.norm(qpos[:, 3:7], axis=1) - 1).max() > 0.01:
         raise MorlaxError(f"{path} has a quaternion of the root that is not of length one.")
-    speeds = abs(_differences(qpos[:-1], qpos[1:], 1 / fps, model))
+    speeds = abs(_moves(qpos[:-1], qpos[1:], model)) * fps
     for part, fastest, unit in ((speeds[:, :3], 20, "m/s"), (speeds[:, 3:], 50, "rad/s")):
         if part.max() > fastest:
             raise MorlaxError(
@@ -107,14 +103,12 @@ def _check(path: Path, qpos: np.ndarray, fps: float, model: mujoco.MjModel) -> N
             )
 
 
-def _differences(
-    before: np.ndarray, after: np.ndarray, seconds: float | np.ndarray, model: mujoco.MjModel
-) -> np.ndarray:
-    """Return the velocities (T, nv) between positions (T, nq)."""
-    velocities = np.zeros((len(before), model.nv))
-    for velocity, first, second in zip(velocities, before, after, strict=True):
-        mujoco.mj_differentiatePos(model, velocity, 1.0, first, second)
-    return velocities / np.reshape(seconds, (-1, 1))
+def _moves(before: np.ndarray, after: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
+    """Return what leads in a second from positions (T, nq) to others: velocities (T, nv)."""
+    moves = np.zeros((len(before), model.nv))
+    for move, first, second in zip(moves, before, after, strict=True):
+        mujoco.mj_differentiatePos(model, move, 1.0, first, second)
+    return moves
 
 
 def resampled(qpos: np.ndarray, fps: float, rate: float, model: mujoco.MjModel) -> np.ndarray:
@@ -122,7 +116,7 @@ def resampled(qpos: np.ndarray, fps: float, rate: float, model: mujoco.MjModel) 
     last = len(qpos) - 1
     places = np.arange(int(last / fps * rate + 1e-6) + 1) / rate * fps
     index = places.astype(int).clip(max=last - 1)
-    moves = _differences(qpos[index], qpos[index + 1], 1.0, model)
+    moves = _moves(qpos[index], qpos[index + 1], model)
     result = qpos[index]
     for row, move, share in zip(result, moves, places - index, strict=True):
         mujoco.mj_integratePos(model, row, move, share)
@@ -136,7 +130,7 @@ def arrays(qpos: np.ndarray, rate: float, model: mujoco.MjModel) -> dict[str, np
     """
     index = np.arange(len(qpos))
     before, after = (index - 1).clip(min=0), (index + 1).clip(max=len(qpos) - 1)
-    qvel = _differences(qpos[before], qpos[after], (after - before) / rate, model)
+    qvel = _moves(qpos[before], qpos[after], model) * rate / (after - before)[:, None]
     data, twist = mujoco.MjData(model), np.zeros(6)
     bodies = np.zeros((len(qpos), model.nbody - 1, 13))
     for frame in index:

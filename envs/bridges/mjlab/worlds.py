@@ -23,7 +23,6 @@ from ...worlds.mirror import Mirror
 from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
 from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
 from . import following
-from .following import Following
 from .history import History, lengths
 from .mirror import mirror_of
 from .motion import prepared
@@ -49,9 +48,7 @@ class MjlabOptions(ObjectiveOptions):
     """Factor on actions in [-1, 1]: those of mjlab have no bounds."""
     commands: dict[str, tuple[float, float]] = {}
     """Ranges of commands by term and name, such as twist.lin_vel_x: [-1, 1]."""
-    motion_file: Annotated[
-        str, AfterValidator(lambda name: name and str(Path(name).absolute()))
-    ] = ""
+    motion_file: MotionFile = ""
     """Motion to follow, for tasks that need one: in mjlab's npz format, or a CSV file whose columns
     are the root's x y z, its quaternion x y z w, and the angles of all joints."""
     motion_fps: PositiveFloat = 30.0
@@ -124,12 +121,12 @@ class MjlabWorlds(ForeignWorlds):
         self.action_size = self.env.action_manager.total_action_dim
         manager = self.env.command_manager
         terms = {type(term).__name__: term for term in map(manager.get_term, manager.active_terms)}
-        self._measures: Walking | Following | None = None
+        self._measures: Walking | following.Following | None = None
         if COMMAND in terms:
             self._measures = Walking(self.env, terms[COMMAND])
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
         elif following.COMMAND in terms and following.end_effectors(self.env.cfg):
-            self._measures = Following(self.env, terms[following.COMMAND])
+            self._measures = following.Following(self.env, terms[following.COMMAND])
             self.quantities = self.lower_is_better = following.QUANTITIES
         self._step = MaskedStep(self.env, self.groups) if masked else None
 
@@ -151,7 +148,7 @@ class MjlabWorlds(ForeignWorlds):
 
     def share_draws(self, episodes: Tensor, number: int) -> None:
         super().share_draws(episodes, number)
-        if isinstance(self._measures, Following):
+        if isinstance(self._measures, following.Following):
             self._measures.start(episodes, self.episode_length)
         elif self._step is None:
             return  # mjlab draws for some worlds at a time
@@ -183,7 +180,7 @@ class MjlabWorlds(ForeignWorlds):
 
     def _advance(self, action: Tensor) -> Outcome:
         env, scaled = self.env, action.clamp(-1, 1) * self.options.action_scale
-        if isinstance(self._measures, Following):
+        if isinstance(self._measures, following.Following):
             self._measures.look()
         with drawing_from(self.generator), self._sharing:
             if self._step is not None:
