@@ -318,8 +318,8 @@ def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
     file = Path(options.motion_file or command.motion_file)
     if not file.is_file():
         raise MorlaxError(
-            f"{name} follows a motion{options.motion_file and ', and that is no file'}: name its "
-            "file with --task.motion-file FILE.npz, or FILE.csv."
+            f"{name} follows a motion{options.motion_file and f', and {file} is no file'}: name "
+            "its file with --task.motion-file FILE.npz, or FILE.csv."
         )
     rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
     robot = cfg.scene.entities[command.entity_name].spec_fn
