@@ -23,6 +23,7 @@ from torch import Tensor
 
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import MorlaxError, Worlds, resolve_device
+from morlax_torch.envs.bridges.mjlab.motion import prepared
 from morlax_torch.envs.bridges.mjlab.worlds import add_terms
 
 LOUD = 100.0  # an action scale that bounds no action
@@ -60,6 +61,7 @@ def main(
     seconds: float = 300.0,
     seed: int = 0,
     device: str | None = None,
+    motion: Path | None = None,
 ) -> None:
     """Train a policy, or go on with one, until the first of two limits.
 
@@ -73,10 +75,11 @@ def main(
         seconds: Training time of this call, in seconds.
         seed: Seed of training.
         device: cuda or cpu (None: CUDA if available).
+        motion: Motion of a tracking task, in mjlab's npz format.
     """
     plain = task.replace("Pareto", "Mjlab", 1)
     weights = yaml.safe_load(weightings.read_text())[plain][weighting]
-    runner = make_runner(task, worlds, str(resolve_device(device)), seed, weights)
+    runner = make_runner(task, worlds, str(resolve_device(device)), seed, weights, motion)
     per_iteration = worlds * runner.cfg["num_steps_per_env"]
     done = runner.load(str(file))["env_steps"] if file.exists() else 0
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -98,7 +101,7 @@ def main(
         )
 
 
-def load_peer(task: str, file: Path, device: str) -> Peer:
+def load_peer(task: str, file: Path, device: str, motion: Path | None = None) -> Peer:
     """Load the policy of a file that `main` wrote.
 
     Raises:
@@ -106,7 +109,7 @@ def load_peer(task: str, file: Path, device: str) -> Peer:
     """
     if not file.exists():
         raise MorlaxError(f"{file} is missing: train it with benchmarks/mjlab_peer.py.")
-    runner = make_runner(task, 16, device)
+    runner = make_runner(task, 16, device, motion=motion)
     runner.load(str(file), {"actor": True}, map_location=device)
     return Peer(runner.get_inference_policy(device))
 
@@ -117,6 +120,7 @@ def make_runner(
     device: str,
     seed: int = 0,
     weights: dict[str, float] | None = None,
+    motion: Path | None = None,
 ) -> Any:
     """Return mjlab's runner of one of its tasks, as its command `train` builds it.
 
@@ -132,6 +136,9 @@ def make_runner(
         add_terms(cfg)
         for term, factor in (weights or {}).items():
             cfg.rewards[term].weight = factor * (cfg.rewards[term].weight or 1.0)
+        if motion is not None:  # as fast as in our worlds
+            robot, rate = cfg.scene.entities["robot"].spec_fn, 50.0
+            cfg.commands["motion"].motion_file = str(prepared(motion, 0, 30.0, rate, robot)[0])
         agent.logger = "tensorboard"
         torch.manual_seed(seed)
         env = importlib.import_module("mjlab.envs").ManagerBasedRlEnv(cfg, device=device)

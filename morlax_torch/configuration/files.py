@@ -32,7 +32,8 @@ def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[s
     """
     task, names = envs.get(env), ["default"]
     if not is_file(env):
-        names = [env.replace(":", "/"), env.partition(":")[0], "default"]
+        name = env.replace(":", "/")  # of mjlab, a twin with fewer observations has no own values
+        names = [name, name.removesuffix("-No-State-Estimation"), env.partition(":")[0], "default"]
     values = next(filter(None, (_packaged(name, device_type) for name in names)))
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})

@@ -227,6 +227,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "--body thigh": "needs a run with designs; test_designs.py films one",
     "morlax explore": "a server; .ci/smoke.py starts it",
     "runs/go1": "needs mjlab; test_mjlab.py trains",
+    "runs/jazz": "needs mjlab; test_tracking.py trains",
     "mjlab:": "needs older simulators; test_mjlab.py trains",
     "playground:": "brings JAX; test_playground.py trains",
     "gymnasium:mo-": "needs mo-gymnasium; test_mo_gymnasium.py trains",
@@ -324,5 +325,5 @@ def test_reasons_are_not_out_of_date():
 
 def test_the_docs_stay_short():
     pages = [*PAGES, ROOT / "CONTRIBUTING.md"]
-    assert len(pages) <= 20
+    assert len(pages) <= 21
     assert sum(len(page.read_text().split()) for page in pages) <= 28_000

@@ -30,7 +30,7 @@ OF_MJLAB = {
     *("_reset_mask", "_reset_mask_wp", "_wrapped_cache", "_torch_stream", "_setup_stream"),
     *("_mode_term_cfgs", "_interval_term_time_left", "_group_obs_class_term_cfgs"),
     *("_class_term_cfgs", "_term_cfgs", "_step_reward", "_clip", "_local_offsets"),
-    "_eigh_3x3_jacobi",
+    *("_eigh_3x3_jacobi", "_uniform_sampling"),
 }
 
 

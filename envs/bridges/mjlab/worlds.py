@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from pydantic import Field, PositiveFloat
+from pydantic import AfterValidator, Field, PositiveFloat
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -22,8 +22,10 @@ from ...physics import compiling
 from ...worlds.mirror import Mirror
 from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
 from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
+from . import following
 from .history import History, lengths
 from .mirror import mirror_of
+from .motion import prepared
 from .step import COMMAND, LEVELS, MaskedStep, supported
 from .walking import LOWER_IS_BETTER, QUANTITIES, Walking
 
@@ -31,6 +33,8 @@ ENDINGS = "endings"  # mjlab's name of the recorder
 BLOWN_UP = "blown_up"  # of the termination
 EFFORT = ("joint_torques_l2", "electrical_power_cost")  # mjlab's, for every robot
 ALIVE = "is_alive"  # mjlab's, too: 1 unless the episode terminates
+
+MotionFile = Annotated[str, AfterValidator(lambda name: name and str(Path(name).absolute()))]
 
 _rehearsed: set[str] = set()
 
@@ -44,8 +48,11 @@ class MjlabOptions(ObjectiveOptions):
     """Factor on actions in [-1, 1]: those of mjlab have no bounds."""
     commands: dict[str, tuple[float, float]] = {}
     """Ranges of commands by term and name, such as twist.lin_vel_x: [-1, 1]."""
-    motion_file: str = ""
-    """Motion to follow, for tasks that need one."""
+    motion_file: MotionFile = ""
+    """Motion to follow, for tasks that need one: in mjlab's npz format, or a CSV file whose columns
+    are the root's x y z, its quaternion x y z w, and the angles of all joints."""
+    motion_fps: PositiveFloat = 30.0
+    """Frames per second of a CSV file."""
     sensors: Literal["all", "real"] = "all"
     """What actors observe: all terms, or those that sensors of a robot measure (docs/mjlab.md)."""
     history: dict[str, Annotated[int, Field(ge=0, le=100)]] = {}
@@ -115,11 +122,14 @@ class MjlabWorlds(ForeignWorlds):
         self._remember()
         self.action_size = self.env.action_manager.total_action_dim
         manager = self.env.command_manager
-        terms = [manager.get_term(name) for name in manager.active_terms]
-        command = next((term for term in terms if type(term).__name__ == COMMAND), None)
-        self._walking = Walking(self.env, command) if command else None
-        if command:
+        terms = {type(term).__name__: term for term in map(manager.get_term, manager.active_terms)}
+        self._measures: Walking | following.Following | None = None
+        if COMMAND in terms:
+            self._measures = Walking(self.env, terms[COMMAND])
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
+        elif following.COMMAND in terms and following.end_effectors(self.env.cfg):
+            self._measures = following.Following(self.env, terms[following.COMMAND])
+            self.quantities = self.lower_is_better = following.QUANTITIES
         self._step = MaskedStep(self.env, self.groups) if masked else None
 
     def _remember(self) -> None:
@@ -140,7 +150,9 @@ class MjlabWorlds(ForeignWorlds):
 
     def share_draws(self, episodes: Tensor, number: int) -> None:
         super().share_draws(episodes, number)
-        if self._step is None:
+        if isinstance(self._measures, following.Following):
+            self._measures.start(episodes, self.episode_length)
+        elif self._step is None:
             return  # mjlab draws for some worlds at a time
         self._sharing = SharedDraws(episodes.to(self.device))
         with drawing_from(self.generator), self._sharing:
@@ -148,12 +160,12 @@ class MjlabWorlds(ForeignWorlds):
                 self.env.event_manager.apply(mode="startup")
 
     def measure(self) -> Tensor:
-        assert self._walking is not None
-        return self._walking.measure()
+        assert self._measures is not None
+        return self._measures.measure()
 
     def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
-        assert self._walking is not None
-        return self._walking.quantify(means, falls)
+        assert self._measures is not None
+        return self._measures.quantify(means, falls)
 
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         return mirror_of(self.env, self.groups, tolerance, self.lengths)
@@ -170,6 +182,8 @@ class MjlabWorlds(ForeignWorlds):
 
     def _advance(self, action: Tensor) -> Outcome:
         env, scaled = self.env, action.clamp(-1, 1) * self.options.action_scale
+        if isinstance(self._measures, following.Following):
+            self._measures.look()
         with drawing_from(self.generator), self._sharing:
             if self._step is not None:
                 groups, before, failed, timed_out = self._step(scaled)
@@ -280,6 +294,7 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
     """
     cfg = load(name)
     add_terms(cfg)
+    following.add_terms(cfg)
     groups = [options.shared, options.guide, *options.objectives.values()]
     used = [term for group in groups for term in group]
     terms = {term: value for term, value in cfg.rewards.items() if value is not None}
@@ -293,11 +308,7 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
         _set_range(cfg, path, limits)
     for command in cfg.commands.values():
         if hasattr(command, "motion_file"):
-            command.motion_file = options.motion_file or command.motion_file
-            if not Path(command.motion_file).is_file():
-                raise MorlaxError(
-                    f"{name} follows a motion: name its file with --task.motion-file FILE.npz."
-                )
+            command.motion_file = _motion(name, options, cfg, command)
     if not options.curriculum:
         cfg.curriculum = {}
     _ready_terrain(cfg)
@@ -321,6 +332,25 @@ def _ready_terrain(cfg: Any) -> None:
         anywhere = import_module("mjlab.envs.mdp").randomize_terrain
         event = import_module("mjlab.managers").EventTermCfg(mode="reset", func=anywhere)
         cfg.events = {"randomize_terrain": event, **cfg.events}
+
+
+def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
+    """Return the file of the motion that a command of mjlab follows, in mjlab's format."""
+    file = Path(options.motion_file or command.motion_file)
+    if not file.is_file():
+        raise MorlaxError(
+            f"{name} follows a motion{options.motion_file and f', and {file} is no file'}: name "
+            "its file with --task.motion-file FILE.npz, or FILE.csv."
+        )
+    rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
+    robot = cfg.scene.entities[command.entity_name].spec_fn
+    ready, frames = prepared(file, file.stat().st_mtime_ns, options.motion_fps, rate, robot)
+    if frames <= options.episode_length:
+        raise MorlaxError(
+            f"{file} lasts {frames} control steps, and an episode {options.episode_length}: set "
+            f"--task.episode-length {frames - 1}, or less."
+        )
+    return str(ready)
 
 
 def remembers(cfg: Any) -> bool:

@@ -1,0 +1,88 @@
+"""Compare fronts of a tracking task of mjlab with policies of mjlab's own training.
+
+python benchmarks/mjlab_tracking.py runs/jazz --peers jazz-4096.pt jazz-16384.pt
+"""
+
+from pathlib import Path
+from typing import Any
+
+import mjlab_peer
+import numpy as np
+import tyro
+from rich.table import Table
+
+from morlax_torch import load
+from morlax_torch.commands.terminal.cli import console
+from morlax_torch.configuration.config import Config
+from morlax_torch.envs import resolve_device
+from morlax_torch.evaluation.evaluator import make_evaluator
+from morlax_torch.evaluation.front import Front
+
+NEAR = 1.5  # times the least error, at most, of the policy with the least power
+FALLS = 0.1  # share of episodes, at most, of it
+
+
+def main(
+    runs: tyro.conf.Positional[tuple[Path, ...]],
+    peers: tuple[Path, ...] = (),
+    tradeoffs: int = 128,
+    episodes: int = 16,
+    seed: int = 0,
+    device: str | None = None,
+) -> None:
+    """Print how the best policies of runs and those of all corners follow, beside the peers.
+
+    Args:
+        runs: Folders of runs of one task and motion.
+        peers: Checkpoints of benchmarks/mjlab_peer.py.
+        tradeoffs: Number of policies of each run.
+        episodes: Episodes of each policy; as many others choose which to report.
+        seed: Seed of the episodes.
+        device: cuda or cpu (None: CUDA if available).
+    """
+    target = resolve_device(device)
+    rows: list[tuple[str, Front, int]] = []
+    for run in runs:
+        policy = load(run, target)
+        trial, front = fronts(policy.agent, policy.config, tradeoffs, episodes, seed)
+        error, power = (quantity(trial, name) for name in ("body error (mm)", "power (W)"))
+        near = (error <= NEAR * error.min()) & (trial.falls <= FALLS)
+        rows.append((f"{run.name}: least body error", front, int(error.argmin())))
+        rows.append(
+            (f"{run.name}: least power", front, int(np.where(near, power, np.inf).argmin()))
+        )
+        rows += [(f"{run.name}: {name} only", front, k) for k, name in enumerate(front.objectives)]
+        console.print(f"{run.name}: {front.non_dominated.sum()} of {tradeoffs} non-dominated")
+    for file in peers:
+        task = policy.config.env.rpartition(":")[2]
+        motion = Path(policy.config.task.motion_file)
+        peer = mjlab_peer.load_peer(task, file, str(target), motion)
+        loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})
+        config = policy.config.model_copy(update={"task": loud})
+        _, front = fronts(peer, config, len(loud.objectives), episodes, seed)
+        rows.append((f"mjlab: {file.stem}", front, 0))
+    names = rows[0][1].quantity_names
+    table = Table(
+        "", "trade-off", *names, "falls", title=f"{policy.config.env}, {episodes} episodes"
+    )
+    for name, front, k in rows:
+        weights = " ".join(f"{weight:.2f}" for weight in front.tradeoffs[k])
+        numbers = [f"{number:.3g}" for number in (*front.quantities[k], front.falls[k])]
+        table.add_row(name, weights, *numbers)
+    console.print(table)
+
+
+def fronts(agent: Any, config: Config, tradeoffs: int, episodes: int, seed: int) -> list[Front]:
+    """Return fronts of two sets of episodes."""
+    m = len(config.task.objectives)
+    evaluator = make_evaluator(agent, config, m, "latched", tradeoffs, episodes, seed, sets=2)
+    evaluator.compile()
+    return evaluator.evaluate_sets()
+
+
+def quantity(front: Front, name: str) -> np.ndarray:
+    return front.quantities[:, front.quantity_names.index(name)]
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,145 @@
+"""Motions to follow: read from a file, checked, and brought to mjlab's arrays at a control rate."""
+
+import tempfile
+import warnings
+import zipfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ...errors import MorlaxError
+
+BODIES = ("body_pos_w", "body_quat_w", "body_lin_vel_w", "body_ang_vel_w")
+KEYS = ("joint_pos", "joint_vel", *BODIES)
+
+
+@cache
+def prepared(path: Path, changed: int, fps: float, rate: float, robot: Any) -> tuple[Path, int]:
+    """Return a file in mjlab's format with one frame per control step, and the number of frames.
+
+    That is `path`, last `changed` then, where it has this format and `rate`, else a temporary file
+    of this process. `fps` is the rate of a CSV file; `robot` makes its MjSpec.
+    """
+    model, is_csv = robot().compile(), path.suffix.lower() == ".csv"
+    qpos, fps = (_from_csv(path, model), fps) if is_csv else _from_npz(path, model)
+    _check(path, qpos, fps, model)
+    if np.isclose(fps, rate) and not is_csv:
+        return path, len(qpos)
+    qpos = resampled(qpos, fps, rate, model)
+    file = Path(tempfile.mkdtemp(dir=_folder().name), f"{path.stem}.npz")
+    np.savez(file, fps=[rate], **arrays(qpos, rate, model))
+    return file, len(qpos)
+
+
+@cache
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="morlax-motions-")
+
+
+def _from_csv(path: Path, model: mujoco.MjModel) -> np.ndarray:
+    """Read positions (T, nq); the file has the root's x y z, quaternion x y z w, then joints."""
+    try:
+        with warnings.catch_warnings(action="ignore"):  # that it is empty
+            rows = np.loadtxt(path, delimiter=",", ndmin=2)
+    except ValueError:
+        raise MorlaxError(
+            f"{path} is not a CSV file of numbers, without a header and as many in each line."
+        ) from None
+    if rows.size and rows.shape[1] != model.nq:
+        raise MorlaxError(
+            f"{path} has {rows.shape[1]} columns, but a motion of this robot {model.nq}: x y z of "
+            f"the root, its quaternion x y z w, and the angles of {model.nq - 7} joints."
+        )
+    return rows[:, [0, 1, 2, 6, 3, 4, 5, *range(7, model.nq)]] if rows.size else rows
+
+
+def _from_npz(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, float]:
+    """Read positions (T, nq) and the frame rate from a file in mjlab's format."""
+    try:
+        with np.load(path) as file:
+            motion = {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile):
+        raise MorlaxError(f"{path} is neither a CSV nor an npz file.") from None
+    if missing := [name for name in (*KEYS, "fps") if name not in motion]:
+        raise MorlaxError(
+            f"{path} lacks {', '.join(missing)}: a motion in mjlab's format has {', '.join(KEYS)} "
+            "and its frame rate, fps."
+        )
+    angles, speeds, positions, rotations = (motion[name] for name in KEYS[:4])
+    found, own = (angles.shape[-1], positions.shape[1]), (model.nq - 7, model.nbody - 1)
+    if found != own:
+        raise MorlaxError(
+            f"{path} is a motion of another robot: it has {found[0]} joints and {found[1]} bodies, "
+            f"and this robot {own[0]} and {own[1]}."
+        )
+    fps = float(np.ravel(motion["fps"])[0])
+    moved, told = np.linalg.norm(np.diff(angles, axis=0)), np.linalg.norm(speeds[:-1])
+    if not fps > 0 or told < 0.7 * fps * moved or told > 1.4 * fps * moved:
+        raise MorlaxError(
+            f"{path} says {fps:g} frames per second, but its joint_vel is that of about "
+            f"{told / max(moved, 1e-9):.0f}: correct its fps."
+        )
+    return np.concatenate([positions[:, 0], rotations[:, 0], angles], 1).astype(float), fps
+
+
+def _check(path: Path, qpos: np.ndarray, fps: float, model: mujoco.MjModel) -> None:
+    if len(qpos) < 2:
+        raise MorlaxError(f"{path} is empty: a motion has at least two frames.")
+    finite = np.isfinite(qpos).all(1)
+    if not finite.all():
+        raise MorlaxError(f"{path} has a number that is not finite in frame {finite.argmin()}.")
+    if abs(np.linalg.norm(qpos[:, 3:7], axis=1) - 1).max() > 0.01:
+        raise MorlaxError(f"{path} has a quaternion of the root that is not of length one.")
+    speeds = abs(_moves(qpos[:-1], qpos[1:], model)) * fps
+    for part, fastest, unit in ((speeds[:, :3], 20, "m/s"), (speeds[:, 3:], 50, "rad/s")):
+        if part.max() > fastest:
+            raise MorlaxError(
+                f"{path} jumps after frame {part.max(1).argmax()}, at {part.max():.0f} {unit} if "
+                f"it has {fps:g} frames per second: at most {fastest} are possible "
+                "(--task.motion-fps is the rate of a CSV file)."
+            )
+
+
+def _moves(before: np.ndarray, after: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
+    """Return what leads in a second from positions (T, nq) to others: velocities (T, nv)."""
+    moves = np.zeros((len(before), model.nv))
+    for move, first, second in zip(moves, before, after, strict=True):
+        mujoco.mj_differentiatePos(model, move, 1.0, first, second)
+    return moves
+
+
+def resampled(qpos: np.ndarray, fps: float, rate: float, model: mujoco.MjModel) -> np.ndarray:
+    """Interpolate positions (T, nq): joints linearly, the root's orientation on the sphere."""
+    last = len(qpos) - 1
+    places = np.arange(int(last / fps * rate + 1e-6) + 1) / rate * fps
+    index = places.astype(int).clip(max=last - 1)
+    moves = _moves(qpos[index], qpos[index + 1], model)
+    result = qpos[index]
+    for row, move, share in zip(result, moves, places - index, strict=True):
+        mujoco.mj_integratePos(model, row, move, share)
+    return result
+
+
+def arrays(qpos: np.ndarray, rate: float, model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """Return mjlab's arrays (T, ...) of positions (T, nq), by forward kinematics.
+
+    Velocities are central differences; angular velocities those of quaternions.
+    """
+    index = np.arange(len(qpos))
+    before, after = (index - 1).clip(min=0), (index + 1).clip(max=len(qpos) - 1)
+    qvel = _moves(qpos[before], qpos[after], model) * rate / (after - before)[:, None]
+    data, twist = mujoco.MjData(model), np.zeros(6)
+    bodies = np.zeros((len(qpos), model.nbody - 1, 13))
+    for frame in index:
+        data.qpos, data.qvel = qpos[frame], qvel[frame]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        for body, row in enumerate(bodies[frame], 1):
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
+            row[:] = *data.xpos[body], *data.xquat[body], *twist[3:], *twist[:3]
+    parts = qpos[:, 7:], qvel[:, 6:], *np.split(bodies, [3, 7, 10], 2)
+    return {name: part.astype(np.float32) for name, part in zip(KEYS, parts, strict=True)}

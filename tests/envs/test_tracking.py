@@ -1,0 +1,162 @@
+"""Tracking tasks of mjlab: motions from files, quantities, and a run that follows one."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from motions import g1, squat, write_motion, write_squat
+from tiny import tiny
+
+from morlax_torch import MorlaxError, envs
+from morlax_torch.configuration.files import task_values
+from morlax_torch.envs.bridges.mjlab.following import landing_impact
+from morlax_torch.envs.bridges.mjlab.motion import arrays, prepared
+from morlax_torch.runs.choosing import choose
+from morlax_torch.runs.loading import load_front
+from morlax_torch.train import train
+
+pytest.importorskip("mjlab", reason="needs the extra mjlab")
+
+G1 = "mjlab:Mjlab-Tracking-Flat-Unitree-G1"
+TWIN = f"{G1}-No-State-Estimation"
+ERRORS = ("body error (mm)", "global body error (mm)", "end-effector error (mm)")
+
+
+@pytest.fixture
+def motion(tmp_path) -> Path:
+    return write_squat(tmp_path / "squat.npz")
+
+
+def loaded(path: Path, fps: float = 30.0) -> dict[str, np.ndarray]:
+    """Read a motion as worlds with 50 control steps per second do."""
+    from mjlab.asset_zoo.robots import get_g1_robot_cfg
+
+    file, _ = prepared(path, path.stat().st_mtime_ns, fps, 50.0, get_g1_robot_cfg().spec_fn)
+    return dict(np.load(file))
+
+
+def write_csv(path: Path, qpos: np.ndarray) -> Path:
+    order = [0, 1, 2, 4, 5, 6, 3, *range(7, qpos.shape[1])]  # w is the last of the quaternion
+    np.savetxt(path, qpos[:, order], delimiter=",")
+    return path
+
+
+def make(motion: Path, worlds: int = 4, **options) -> envs.Worlds:
+    usual = {"episode_length": 50, "motion_file": str(motion), "auto_reset": False}
+    return envs.make(TWIN, worlds, "cpu", **{**usual, **options})
+
+
+def test_a_reference_that_is_shifted_by_10_mm_is_10_mm_away_in_the_world_alone(motion):
+    env = make(motion)
+    command, everyone = env.env.command_manager.get_term("motion"), torch.arange(4)
+    command.reset_to_frame(everyone, 30)
+    env.env.sim.forward()
+    command.motion.body_pos_w[..., 0] += 0.01
+    command.update_relative_body_poses()
+    env._measures.look()
+    means, falls = env.measure().numpy(), np.full(4, 0.002)
+    found = dict(zip(env.quantities, env.quantify(means, falls).T, strict=True))
+    assert (found["falls (per 1,000 steps)"] == 2).all()
+    for name, error in zip(ERRORS, (0, 10, 0), strict=True):
+        np.testing.assert_allclose(found[name], error, atol=0.01)
+    np.testing.assert_allclose(found["joint velocity error (rad/s)"], 0, atol=1e-4)
+
+
+def test_a_foot_that_takes_the_whole_weight_in_one_step_is_an_impact_of_one(motion):
+    env = make(motion)
+    model, forces = env.env.sim.mj_model, env.env.scene["end_effector_contact"].data.force_history
+    assert forces.shape == (4, 4, 5, 3)  # hands and feet, and a control step of 4 after an earlier
+    forces[:] = 0.0
+    forces[1, 0, 2:4, 2] = model.body_mass.sum() * 9.81
+    forces[2, 0, 4, 2] = model.body_mass.sum() * 9.81  # was there before
+    env.env.episode_length_buf += 2
+    torch.testing.assert_close(landing_impact(env.env), torch.tensor([0.0, 1.0, 0.0, 0.0]))
+
+
+def test_evaluated_episodes_of_every_trade_off_start_at_the_same_frames(motion):
+    env = make(motion, 32)
+    command = env.env.command_manager.get_term("motion")
+    env.share_draws(torch.arange(32) % 8, 8)
+    seen = env.reset().reshape(4, 8, -1)
+    assert torch.equal(seen, seen[:1].expand_as(seen))
+    frames = command.time_steps.clone()
+    env.reseed(1)
+    env.reset()
+    assert torch.equal(frames, command.time_steps)
+    gaps = frames[:8].sort().values.diff()
+    assert gaps.min() > 0 and gaps.max() < 13  # of 50 frames that an episode may start at
+    assert frames.max() + 50 <= command.motion.time_step_total
+
+
+def test_forward_kinematics_and_velocities_are_those_of_mujoco(motion):
+    ours, its = arrays(squat(), 50.0, g1()), np.load(motion)
+    assert ours.keys() | {"fps"} == set(its.files)
+    for name, values in ours.items():  # velocities of a point and differences of its places differ
+        np.testing.assert_allclose(values, its[name], atol=0.02 if "vel" in name else 1e-6)
+
+
+def test_a_csv_file_and_another_frame_rate_make_the_same_motion(motion, tmp_path):
+    its = np.load(motion)
+    quick = write_squat(tmp_path / "60.npz", fps=60)
+    for path in (write_csv(tmp_path / "squat.csv", squat(fps=100)), quick):
+        ours = loaded(path, 100.0)
+        assert ours["fps"] == 50 and len(ours["joint_pos"]) in (99, 100)
+        for name, values in ours.items():
+            vel = 0.06 if "vel" in name else 2e-3
+            np.testing.assert_allclose(values[:99], its[name][:99], atol=vel, err_msg=name)
+    assert all((loaded(motion)[name] == its[name]).all() for name in its.files)
+
+
+def changed(folder: Path, name: str, change: Callable[[np.ndarray], np.ndarray | None]) -> Path:
+    """Write the squat with another array, or without it."""
+    motion = dict(np.load(write_squat(folder / "bad.npz")))
+    motion[name] = change(motion[name])
+    np.savez(folder / "bad.npz", **{key: x for key, x in motion.items() if x is not None})
+    return folder / "bad.npz"
+
+
+def jump(folder: Path, row: int, column: int, size: float) -> Path:
+    qpos = squat()
+    qpos[row:, column] += size
+    return write_csv(folder / "bad.csv", qpos)
+
+
+BAD = {
+    "23 joints and 30 bodies, and th": lambda p: changed(p, "joint_pos", lambda x: x[:, :23]),
+    "lacks body_quat_w: a motion in": lambda p: changed(p, "body_quat_w", lambda x: None),
+    "lacks fps: a motion in mjlab's": lambda p: changed(p, "fps", lambda x: None),
+    "says 25 frames .* about 50: correct": lambda p: changed(p, "fps", lambda x: x / 2),
+    "jumps after frame 39, at 60 rad/s if it has 30": lambda p: jump(p, 40, 12, 2.0),
+    "jumps after frame 39, at 60 m/s .*most 20 are": lambda p: jump(p, 40, 0, 2.0),
+    "not finite in frame 7": lambda p: jump(p, 7, 20, np.nan),
+    "not of length one": lambda p: jump(p, 0, 3, 1.0),
+    "35 columns, .* 36: x y z": lambda p: write_csv(p / "bad.csv", squat()[:, :-1]),
+    "is empty: a motion has at": lambda p: write_csv(p / "bad.csv", squat()[:0]),
+    "is neither a CSV nor an npz file": lambda p: Path(__file__),
+    "episode-length 39, or less": lambda p: write_motion(p / "bad.npz", squat()[:40], 50),
+    "and .*/other.npz is no file: name its file with": lambda p: p / "other.npz",
+    "State-Estimation follows a motion: name its file": lambda p: "",
+}
+
+
+@pytest.mark.parametrize("sentence", BAD)
+def test_bad_motions_are_refused_in_a_sentence(sentence, tmp_path):
+    with pytest.raises(MorlaxError, match=sentence):
+        make(BAD[sentence](tmp_path))
+
+
+def test_a_family_of_seven_objectives_is_trained_and_chosen_from(motion, tmp_path):
+    given = task_values(TWIN, "cpu")
+    assert given["task"] == task_values(G1, "cpu")["task"]
+    few = {"worlds": 14, "sampling.clusters": 7, "max_env_steps": 112, "evaluation.every": 56}
+    few |= {"evaluation.tradeoffs": 8, "task.motion_file": str(motion)}
+    config = tiny(TWIN, backend=None, **few)
+    front = load_front(train(config, output=tmp_path / "run").folder)
+    assert front.objectives == tuple(given["task"]["objectives"])
+    errors = front.quantities[:, front.quantity_names.index(ERRORS[0])]
+    assert (errors > 1).all() and (errors < 300).all()
+    limit = float(np.median(errors))
+    choice = choose(front, {}, maximize="effort", at_most={ERRORS[0]: limit})
+    assert choice.quantities[ERRORS[0]] <= limit
