@@ -55,6 +55,7 @@ class Deployment(NamedTuple):
 
     settings: dict[str, Any]  # plain values in the shape of unitree_rl_lab's deploy.yaml
     model: bytes | None  # a zip of robot.xml and the files that it names, if it can be written
+    motion: bytes | None = None  # an npz of what the policy follows, one frame per control step
 
 
 class State(Protocol):

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AliasPath, BaseModel, Field, model_validator
 
 from ...configuration.files import read_yaml
@@ -21,10 +20,10 @@ from ...envs.errors import line, unknown, validated
 from ...envs.worlds.trees import base_of
 from ...exports.deployment import SETTINGS
 from ...host.files import read
+from .motion import Array, Motion, open_motion
 
 Values = list[float]
 Range = tuple[float, float]
-Array = NDArray[np.float64]
 JOINT = mujoco.mjtObj.mjOBJ_JOINT
 FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
 RISE = 0.02  # m of the base above its default pose at the start
@@ -50,6 +49,7 @@ def _in(*path: str, **constraints: Any) -> Any:
     return Field(validation_alias=AliasPath(*path), **constraints)
 
 
+AXES = "lin_vel_x", "lin_vel_y", "ang_vel_z"
 RANGES = "commands", "base_velocity", "ranges"
 ACTION = "actions", "JointPositionAction"
 OURS = "morlax_torch"  # the entries that unitree_rl_lab does not have
@@ -63,15 +63,18 @@ class Settings(BaseModel):
     damping: list[float | None]
     default_joint_pos: Values
     observations: dict[str, Term]
-    lin_vel_x: Range = _in(*RANGES, "lin_vel_x")
-    lin_vel_y: Range = _in(*RANGES, "lin_vel_y")
-    ang_vel_z: Range = _in(*RANGES, "ang_vel_z")
+    lin_vel_x: Range = _in(*RANGES, "lin_vel_x", default=(0.0, 0.0))
+    lin_vel_y: Range = _in(*RANGES, "lin_vel_y", default=(0.0, 0.0))
+    ang_vel_z: Range = _in(*RANGES, "ang_vel_z", default=(0.0, 0.0))
     clip: list[Range] | None = _in(*ACTION, "clip")
     scale: Values = _in(*ACTION, "scale")
     offset: Values = _in(*ACTION, "offset")
     joint_ids: list[int] | None = _in(*ACTION, "joint_ids")
     policy: str = _in(OURS, "policy")
     model: str = _in(OURS, "model")
+    motion: str | None = _in(OURS, "motion", default=None)
+    anchor_body: str = _in(OURS, "anchor_body", default="")
+    key_bodies: list[str] = _in(OURS, "key_bodies", default=[])
     objectives: list[str] = _in(OURS, "objectives")
     slew: float | None = _in(OURS, "slew", gt=0)
     joints: list[str] = _in(OURS, "joints")
@@ -88,8 +91,17 @@ class Settings(BaseModel):
         """The range of each number of the command: m/s, m/s, rad/s."""
         return [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z]
 
+    @property
+    def anchor(self) -> int:
+        """The index of the anchor body among the key bodies."""
+        return self.key_bodies.index(self.anchor_body)
+
     @model_validator(mode="after")
     def _check(self) -> "Settings":
+        if self.motion is None and not self.model_fields_set.issuperset(AXES):
+            raise ValueError(f"{'.'.join(RANGES)} needs {', '.join(AXES)}.")
+        if self.motion is not None and self.anchor_body not in self.key_bodies:
+            raise ValueError(f"the anchor_body {self.anchor_body} is not among key_bodies.")
         driven, joints = self.driven, range(len(self.joints))
         counts = dict.fromkeys(("scale", "offset", "clip"), len(driven))
         names = ("stiffness", "damping", "default_joint_pos", "default_joint_vel")
@@ -114,6 +126,7 @@ class Export(NamedTuple):
     settings: Settings
     model: mujoco.MjModel
     policy: Path
+    motion: Motion | None = None
 
 
 def open_export(path: Path) -> Export:
@@ -133,7 +146,11 @@ def open_export(path: Path) -> Export:
         model = mujoco.MjSpec.from_zip(content).compile()
     except (ValueError, zipfile.BadZipFile) as error:
         raise MorlaxError(f"cannot load the model {archive}: {line(error)}.") from None
-    return Export(settings, model, folder / settings.policy if path == folder else path)
+    policy, motion = folder / settings.policy if path == folder else path, None
+    if settings.motion is not None:
+        counts = len(settings.joints), len(settings.key_bodies)
+        motion = open_motion(folder / settings.motion, *counts)
+    return Export(settings, model, policy, motion)
 
 
 @dataclass
@@ -158,13 +175,17 @@ class Step(NamedTuple):
     fallen: bool
     velocity: Array  # (3,): m/s ahead, m/s to the left, rad/s to the left, of the base
     power: float  # W, positive mechanical power of all joints
+    error: float  # m/s, between commanded and actual horizontal velocity, or mm from a motion
 
 
 class Robot:
     """A robot whose base moves freely, with the gains, targets and observation of deploy.yaml.
 
-    Without disturbances, its friction is the model's, and a step equals one of mjlab.
+    Without disturbances, its friction is the model's, and a step equals one of mjlab. An episode
+    that is `over` has reached its goal.
     """
+
+    over = False
 
     def __init__(
         self,
@@ -208,8 +229,6 @@ class Robot:
         self._start = self._rest[0][driven]
         self.reset()
         for name, term in self._terms:
-            if name not in OBSERVATIONS:
-                raise unknown("observation", name, OBSERVATIONS)
             size = len(self._read(name, term.params))
             if size != len(term.scale):
                 raise MorlaxError(f"{name} has {size} numbers, but its scale {len(term.scale)}.")
@@ -270,7 +289,9 @@ class Robot:
             self._twist()[:2] += self._rng.uniform(-most, most, 2)
         mujoco.mj_forward(self.model, self.data)
         fallen = self.broken() or not self._turn()[2, 2] > FALLEN
-        return Step(fallen, self.velocity(), power)
+        velocity = self.velocity()
+        error = float(np.linalg.norm(self.command[:2] - velocity[:2]))
+        return Step(fallen, velocity, power, error)
 
     def broken(self) -> bool:
         """Return whether MuJoCo has reset a state that is not finite or too large."""
@@ -295,6 +316,8 @@ class Robot:
 
     def _read(self, name: str, params: dict) -> Array:
         """Return the values of a term before noise, clip and scale."""
+        if name not in OBSERVATIONS:
+            raise unknown("observation", name, OBSERVATIONS)
         if "sensor_name" not in params:
             return OBSERVATIONS[name](self)
         try:
