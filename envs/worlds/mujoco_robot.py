@@ -100,6 +100,10 @@ class Robot(Worlds):
         """
         return None
 
+    def ghost(self) -> Tensor | None:
+        """Return the pose (nq,) that the first robot should have; None: it follows no motion."""
+        return None
+
     def deployment(self) -> Deployment | None:
         """Return how to drive the robot outside; None unless actions are positions of joints."""
         return None

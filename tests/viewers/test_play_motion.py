@@ -95,8 +95,10 @@ def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
     stiffened(folder)
     deployment = open_export(folder)
     robot, frames = robot_for(deployment), squat(SECONDS)
-    np.testing.assert_allclose([robot.data.qpos, robot.ghost()], frames[:2], atol=1e-6)
+    np.testing.assert_allclose(robot.data.qpos, frames[0], atol=1e-6)
     assert not robot.data.qvel.any()
+    robot.step(np.zeros(29))
+    np.testing.assert_allclose(robot.ghost().qpos, frames[1], atol=1e-6)
     (episode,) = run(deployment, None, 1, 100.0)
     assert episode.falls == 0 and 20 < episode.error < 200
     assert episode.seconds == pytest.approx(SECONDS + HOLD, abs=0.03)

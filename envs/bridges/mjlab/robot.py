@@ -15,6 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import torch
+from torch import Tensor
 
 from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .worlds import MjlabWorlds, from_task
@@ -96,6 +97,17 @@ class MjlabRobot(MjlabWorlds, Robot):
         scale = [(one * term.scale).view(-1) for one, term in zip(each, terms, strict=True)]
         offset = [(one * term.offset).view(-1) for one, term in zip(each, terms, strict=True)]
         return (size * torch.cat(scale)).tolist(), torch.cat(offset).tolist()
+
+    def ghost(self) -> Tensor | None:
+        if (command := self.motion) is None:
+            return None
+        pose, motion = self.physics.qpos[0].clone(), command.motion
+        frame = command.time_steps[0].sub(1).clamp(min=0)  # the command is the next one
+        indexing = command.robot.indexing
+        root = motion.body_pos_w[frame, 0], motion.body_quat_w[frame, 0]
+        pose[indexing.free_joint_q_adr] = torch.cat(root)
+        pose[indexing.joint_q_adr] = motion.joint_pos[frame]
+        return pose
 
     def deployment(self) -> Deployment | None:
         scales = self.scales()

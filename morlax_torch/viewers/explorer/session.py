@@ -40,6 +40,11 @@ class Behavior(ABC):
         self.steps, self._due = 0, 0.0
         self._clock: float | None = None
 
+    @property
+    def ghost(self) -> mujoco.MjData | None:
+        """The state that the robot should have; None: it follows no motion."""
+        return None
+
     @abstractmethod
     def step(self) -> None:
         """Move on by `dt` seconds, and count it in `steps`."""
@@ -132,6 +137,10 @@ class Session(Behavior):
         return twin
 
     @property
+    def ghost(self) -> mujoco.MjData | None:
+        return self.player.ghost
+
+    @property
     def design(self) -> list[float]:
         """The body's design parameters (d,)."""
         policy = self.player.policy
@@ -221,14 +230,19 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
 
 
 def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
-    """Return steps, poses of bodies and forces at contacts, as 32-bit floats; None: not finite."""
+    """Return steps, poses of bodies, forces at contacts and poses of a ghost's bodies.
+
+    They are 32-bit floats; None: they are not finite.
+    """
     parts = [np.array([FRAME], np.int32).tobytes()]
     for behavior in behaviors:
         model, data = behavior.model, behavior.data
         if not np.isfinite(data.xpos).all():
             return None
         arrows = contact_arrows(model, data)
-        numbers = ([behavior.steps, len(arrows)], data.xpos, data.xquat, arrows)
+        ghosts = [] if behavior.ghost is None else [behavior.ghost]
+        numbers = [[behavior.steps, len(arrows), len(ghosts)], data.xpos, data.xquat, arrows]
+        numbers += [part for ghost in ghosts for part in (ghost.xpos, ghost.xquat)]
         parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
     return b"".join(parts)
 

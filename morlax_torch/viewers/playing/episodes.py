@@ -319,7 +319,7 @@ def film(
             for step, command in enumerate(islice(commands, steps)):
                 phase("filming", step / steps)
                 if step % stride == 0:
-                    yield scene.draw(robot.data, camera.camera)
+                    yield scene.draw(robot.data, camera.camera, robot.ghost())
                 falls += policy.drive(robot, command)
                 camera.follow(robot.data, robot.dt)
 

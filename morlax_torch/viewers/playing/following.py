@@ -43,12 +43,9 @@ class Follower(Robot):
     def reset(self) -> None:
         """Stand in the first frame."""
         super().reset()
-        motion, data, base = self.motion, self.data, self._height - 2
-        data.qpos[base : base + 7] = [*motion.places[0, 0], *motion.turns[0, 0]]
-        data.qpos[self._qpos], data.qvel[:] = motion.joints[0], 0.0
-        data.ctrl[self._motors] = motion.joints[0][self._driven]
         self.frame = 1
-        mujoco.mj_forward(self.model, data)
+        self.data.ctrl[self._motors] = self.motion.joints[0][self._driven]
+        self._place(self.data, 0)
 
     def step(self, action: Array) -> Step:
         """Move on by a control step; the error (mm) is that of mjlab, relative to the root."""
@@ -61,12 +58,16 @@ class Follower(Robot):
         self.frame += 1
         return step._replace(fallen=fallen or self.broken(), error=float(error))
 
-    def ghost(self) -> Array:
-        """Return the pose (nq,) of the robot in the frame."""
-        qpos, base = self.data.qpos.copy(), self._height - 2
-        qpos[base : base + 7] = [*self.motion.places[self._at, 0], *self.motion.turns[self._at, 0]]
-        qpos[self._qpos] = self.motion.joints[self._at]
-        return qpos
+    def ghost(self) -> mujoco.MjData:
+        ghost = mujoco.MjData(self.model)
+        self._place(ghost, min(self.frame, len(self.motion.joints)) - 1)
+        return ghost
+
+    def _place(self, data: mujoco.MjData, frame: int) -> None:
+        motion, base = self.motion, self._height - 2
+        data.qpos[base : base + 7] = [*motion.places[frame, 0], *motion.turns[frame, 0]]
+        data.qpos[self._qpos], data.qvel[:] = motion.joints[frame], 0.0
+        mujoco.mj_forward(self.model, data)
 
     @property
     def _at(self) -> int:

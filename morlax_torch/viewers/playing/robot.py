@@ -301,6 +301,10 @@ class Robot:
         """Return the velocity (3,) that a `Step` has."""
         return np.array([*(self._twist()[:3] @ self._turn())[:2], self._twist()[5]])
 
+    def ghost(self) -> mujoco.MjData | None:
+        """Return the state that the robot should have; None: it follows no motion."""
+        return None
+
     def weight(self) -> float:
         """Return the robot's weight in N."""
         mass = self.model.body_subtreemass[self.base]
