@@ -13,9 +13,11 @@ import yaml
 from motions import squat, write_squat
 from tiny import tiny
 
+from morlax_torch import load as load_policy
 from morlax_torch.commands import export, play
 from morlax_torch.envs.bridges.mjlab.worlds import build, load
 from morlax_torch.train import train
+from morlax_torch.viewers.explorer.session import Session, frame_bytes
 from morlax_torch.viewers.playing.episodes import run
 from morlax_torch.viewers.playing.following import HOLD, robot_for
 from morlax_torch.viewers.playing.robot import open_export
@@ -110,6 +112,18 @@ def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "found set()" in done.stdout and "error, mm" in done.stdout, done.stderr
+
+
+def test_a_ghost_on_the_page_is_at_the_phase_of_the_robot(exported):
+    session = Session(load_policy(str(exported[TASK].parent / "run"), "cpu"), None)
+    model, data = session.model, mujoco.MjData(session.model)
+    for frame in squat(SECONDS)[:5]:
+        data.qpos[:] = frame
+        mujoco.mj_kinematics(model, data)
+        numbers = np.frombuffer((frame_bytes([session]) or b"")[4:], np.float32)
+        ghost = numbers[-7 * model.nbody :]
+        np.testing.assert_allclose(ghost, [*data.xpos.flat, *data.xquat.flat], atol=1e-5)
+        session.step()
 
 
 def test_a_motion_that_is_missing_or_another_robot_s_is_one_sentence(exported, refused):
