@@ -117,7 +117,7 @@ def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
 def test_a_ghost_on_the_page_is_at_the_phase_of_the_robot(exported):
     session = Session(load_policy(str(exported[TASK].parent / "run"), "cpu"), None)
     model, data = session.model, mujoco.MjData(session.model)
-    for frame in squat(SECONDS)[:5]:
+    for frame in squat(SECONDS)[:12]:  # more than an episode of the training
         data.qpos[:] = frame
         mujoco.mj_kinematics(model, data)
         numbers = np.frombuffer((frame_bytes([session]) or b"")[4:], np.float32)

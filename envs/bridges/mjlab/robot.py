@@ -46,7 +46,10 @@ def robot_of(name: str) -> type["MjlabRobot"]:
 
 
 class MjlabRobot(MjlabWorlds, Robot):
-    """Worlds of mjlab on the CPU whose command stays as it is until someone changes it."""
+    """Worlds of mjlab on the CPU whose command stays as it is until someone changes it.
+
+    An episode is a whole motion, if one is followed.
+    """
 
     def _open(self, seed: int) -> None:
         super()._open(seed)
@@ -62,6 +65,8 @@ class MjlabRobot(MjlabWorlds, Robot):
             command = self.env.command_manager.get_command(name)
             if hasattr(term, "motion_file"):
                 self.motion = self.env.command_manager.get_term(name)
+                self.episode_length = self.motion.motion.time_step_total - 1
+                self.env.cfg.episode_length_s = (self.episode_length - 0.5) * self.env.step_dt
             if len(limits) == command.shape[1]:
                 self.command_limits, self.command = limits, command
 
