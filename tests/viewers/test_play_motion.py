@@ -37,7 +37,8 @@ def motion(tmp_path_factory) -> Path:
 def exported(motion, tmp_path_factory) -> dict[str, Path]:
     """Return the folders of exports of runs that have hardly learned, by task."""
     few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
-    few |= {"sampling.mode": "dense", "task.motion_file": str(motion)}
+    few |= {"sampling.mode": "dense", "evaluation.tradeoffs": 8}
+    few |= {"task.motion_file": str(motion), "task.action_scale": 1.0}
     folder, folders = tmp_path_factory.mktemp("exported"), {}
     for task in (TASK, f"{TASK}-No-State-Estimation"):
         name = task.partition(":")[2]
