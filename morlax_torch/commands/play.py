@@ -84,7 +84,7 @@ def command(arguments: Sequence[str]) -> None:
         length = duration(deployment, 30.0) if seconds is None else seconds
         with cli.Live():
             episodes = run(deployment, strengths, options.episodes, length, seed)
-        cli.console.print(_table(episodes, "mm" if follows else "m/s"))
+        cli.console.print(_table(episodes, follows))
         return
     if options.output is None and has_display():
         cli.console.print(SLIDING if follows else HELP)
@@ -98,13 +98,14 @@ def command(arguments: Sequence[str]) -> None:
     cli.console.print(f"falls: {falls}")
 
 
-def _table(episodes: Sequence, unit: str) -> Table:
+def _table(episodes: Sequence, follows: bool) -> Table:
     from ..viewers.playing.episodes import summary
 
+    unit, digits = ("mm", 1) if follows else ("m/s", 3)
     heads = ("episode", "falls", "time, s", f"error, {unit}", "power, W", "cost of transport")
     table = Table(*(Column(head, justify="right") for head in heads))
     rows = [*enumerate(episodes, 1), ("all", summary(episodes))]
     for name, row in rows:
-        numbers = f"{row.error:.3f}", f"{row.power:.1f}", f"{row.transport:.2f}"
+        numbers = f"{row.error:.{digits}f}", f"{row.power:.1f}", f"{row.transport:.2f}"
         table.add_row(str(name), f"{row.falls:.0f}", f"{row.seconds:.1f}", *numbers)
     return table

@@ -131,7 +131,7 @@ def test_a_motion_that_is_missing_or_another_robot_s_is_one_sentence(exported, r
     file = exported[TASK] / "motion.npz"
     content = dict(np.load(file))
     np.savez(file, **content | {"joint_pos": content["joint_pos"][:, 1:]})
-    assert "joint_pos of the motion" in refused(play, exported[TASK])
+    assert "joint_pos of " in refused(play, exported[TASK])
     file.write_bytes(b"no motion")
     assert "cannot load the motion" in refused(play, exported[TASK])
     file.unlink()

@@ -37,13 +37,9 @@ class Behavior(ABC):
 
     def __init__(self, robot: object, model: mujoco.MjModel, data: mujoco.MjData, dt: float):
         self.robot, self.model, self.data, self.dt = robot, model, data, dt
+        self.ghost: mujoco.MjData | None = None  # what the robot should be, by its motion
         self.steps, self._due = 0, 0.0
         self._clock: float | None = None
-
-    @property
-    def ghost(self) -> mujoco.MjData | None:
-        """The state that the robot should have; None: it follows no motion."""
-        return None
 
     @abstractmethod
     def step(self) -> None:
@@ -116,6 +112,7 @@ class Session(Behavior):
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.player = player = Player(policy, self.tradeoff)
         super().__init__(policy, player.model, player.data, player.env.dt)
+        self.ghost = player.ghost
         self.last_episode: dict[str, Any] | None = None
         self.axes = horizontal(self.model, player.env.base)
         self._acting_on, self._opened = self.tradeoff, policy
@@ -135,10 +132,6 @@ class Session(Behavior):
         twin._opened, twin.robot, twin.tradeoff = self._opened, self.robot, self.tradeoff
         twin.player.command = list(self.player.command)
         return twin
-
-    @property
-    def ghost(self) -> mujoco.MjData | None:
-        return self.player.ghost
 
     @property
     def design(self) -> list[float]:
@@ -230,10 +223,7 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
 
 
 def frame_bytes(behaviors: Sequence[Behavior]) -> bytes | None:
-    """Return steps, poses of bodies, forces at contacts and poses of a ghost's bodies.
-
-    They are 32-bit floats; None: they are not finite.
-    """
+    """Return steps, poses, contacts and ghosts as 32-bit floats; None: they are not finite."""
     parts = [np.array([FRAME], np.int32).tobytes()]
     for behavior in behaviors:
         model, data = behavior.model, behavior.data

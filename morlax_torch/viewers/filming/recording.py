@@ -187,10 +187,7 @@ class Take:
     def moments(
         self, steps: int, pictures: int
     ) -> list[tuple[mujoco.MjData, float, bool, mujoco.MjData | None]]:
-        """Return poses in the last gait cycle of an episode, with seconds and whether it fails.
-
-        The last entry is the ghost.
-        """
+        """Return states of the last gait cycle, with seconds, whether they fail, and ghosts."""
         self.reset()
         states, ghosts = [self.player.data.qpos.copy()], [self.player.env.ghost()]
         while self.player.steps < steps and not self.failed:
@@ -202,7 +199,8 @@ class Take:
         hinges = model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
         for step in panels.moments(qpos[:, hinges], dt, pictures):
             failed = self.failed and step == len(qpos) - 1
-            ghost = None if ghosts[step] is None else _posed(model, ghosts[step])
+            pose = ghosts[step]
+            ghost = None if pose is None else _posed(model, pose.numpy())
             moments.append((_posed(model, qpos[step]), step * dt, failed, ghost))
         return moments
 

@@ -76,7 +76,11 @@ class Scene(AbstractContextManager["Scene"]):
         self._renderer.update_scene(data, camera)
         scene, size = self._renderer.scene, self._size
         if ghost is not None:
-            self._haunt(ghost)
+            view, hand, first = mujoco.MjvOption(), mujoco.MjvPerturb(), scene.ngeom
+            moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
+            mujoco.mjv_addGeoms(self._renderer.model, ghost, view, hand, moving, scene)
+            for geom in scene.geoms[first : scene.ngeom]:
+                geom.rgba[:], geom.matid = GHOST, -1
         step = 2.0 ** round(np.log2(size / 4))  # m between lines
         x, y, _ = np.round(camera.lookat / step) * step  # lines stay in place
         if self._ground is not None:
@@ -101,13 +105,6 @@ class Scene(AbstractContextManager["Scene"]):
             wall = self._add(mjtGeom.mjGEOM_BOX, (half, half, 0.1), middle, SKY)
             wall.mat[:], wall.emission = axes, 0.5
         return self._renderer.render()
-
-    def _haunt(self, ghost: mujoco.MjData) -> None:
-        scene, first = self._renderer.scene, self._renderer.scene.ngeom
-        kinds, view, hand = mujoco.mjtCatBit.mjCAT_DYNAMIC, mujoco.MjvOption(), mujoco.MjvPerturb()
-        mujoco.mjv_addGeoms(self._renderer.model, ghost, view, hand, kinds, scene)
-        for geom in scene.geoms[first : scene.ngeom]:
-            geom.rgba[:], geom.matid = GHOST, -1
 
     def _add(self, kind: mjtGeom, size: ArrayLike, position: ArrayLike, color: ArrayLike) -> Any:
         """Add a geom without gloss to the renderer's scene."""

@@ -85,14 +85,11 @@ class Policy:
         return np.asarray(actions, float)[0]
 
     def drive(self, robot: Robot, command: Array) -> bool:
-        """Take a control step, and return whether the robot fell.
-
-        It starts again after a fall or at the end of a motion.
-        """
-        fallen = robot.step(self.act(robot.observe(command))).fallen
-        if fallen or robot.over:
+        """Take a control step, and return whether the robot fell; it starts again at an end."""
+        step = robot.step(self.act(robot.observe(command)))
+        if step.fallen or step.over:
             robot.reset()
-        return fallen
+        return step.fallen
 
 
 def wishes(deployment: Export, policy: Policy, rng: np.random.Generator) -> Iterator[Array]:
@@ -228,7 +225,7 @@ def _episode(robot: Robot, policy: Policy, commands: Iterable[Array]) -> Episode
         if fallen := step.fallen:
             break
         rows.append((step.error, step.power, np.linalg.norm(step.velocity[:2])))
-        if robot.over:
+        if step.over:
             break
     error, power, speed = np.mean(rows, axis=0).tolist() if rows else [np.nan] * 3
     seconds = (len(rows) + fallen) * robot.dt

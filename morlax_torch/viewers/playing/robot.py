@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AliasPath, BaseModel, Field, model_validator
 
 from ...configuration.files import read_yaml
@@ -20,10 +21,10 @@ from ...envs.errors import line, unknown, validated
 from ...envs.worlds.trees import base_of
 from ...exports.deployment import SETTINGS
 from ...host.files import read
-from .motion import Array, Motion, open_motion
 
 Values = list[float]
 Range = tuple[float, float]
+Array = NDArray[np.float64]
 JOINT = mujoco.mjtObj.mjOBJ_JOINT
 FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
 RISE = 0.02  # m of the base above its default pose at the start
@@ -91,11 +92,6 @@ class Settings(BaseModel):
         """The range of each number of the command: m/s, m/s, rad/s."""
         return [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z]
 
-    @property
-    def anchor(self) -> int:
-        """The index of the anchor body among the key bodies."""
-        return self.key_bodies.index(self.anchor_body)
-
     @model_validator(mode="after")
     def _check(self) -> "Settings":
         if self.motion is None and not self.model_fields_set.issuperset(AXES):
@@ -118,6 +114,15 @@ class Settings(BaseModel):
                 f"{', '.join(passive)} have no gains (null): write their stiffness and damping."
             )
         return self
+
+
+class Motion(NamedTuple):
+    """T frames of J joints and K key bodies, the first of which is the base."""
+
+    joint_pos: Array  # (T, J): rad
+    joint_vel: Array  # (T, J): rad/s
+    body_pos_w: Array  # (T, K, 3): m, in the world
+    body_quat_w: Array  # (T, K, 4): quaternions, w first
 
 
 class Export(NamedTuple):
@@ -146,11 +151,24 @@ def open_export(path: Path) -> Export:
         model = mujoco.MjSpec.from_zip(content).compile()
     except (ValueError, zipfile.BadZipFile) as error:
         raise MorlaxError(f"cannot load the model {archive}: {line(error)}.") from None
-    policy, motion = folder / settings.policy if path == folder else path, None
-    if settings.motion is not None:
-        counts = len(settings.joints), len(settings.key_bodies)
-        motion = open_motion(folder / settings.motion, *counts)
-    return Export(settings, model, policy, motion)
+    policy = folder / settings.policy if path == folder else path
+    return Export(settings, model, policy, _motion(folder, settings))
+
+
+def _motion(folder: Path, settings: Settings) -> Motion | None:
+    if settings.motion is None:
+        return None
+    path, names = folder / settings.motion, Motion._fields
+    content, (J, K) = read(path, "motion"), (len(settings.joints), len(settings.key_bodies))
+    try:
+        with np.load(io.BytesIO(content)) as file:
+            motion = Motion(*(file[name].astype(float) for name in names))
+    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise MorlaxError(f"cannot load the motion {path}: {line(error)}.") from None
+    for name, array, shape in zip(names, motion, ((J,), (J,), (K, 3), (K, 4)), strict=True):
+        if array.shape != (expected := (len(motion.joint_pos), *shape)):
+            raise MorlaxError(f"{name} of {path} has the shape {array.shape}, not {expected}.")
+    return motion
 
 
 @dataclass
@@ -176,16 +194,14 @@ class Step(NamedTuple):
     velocity: Array  # (3,): m/s ahead, m/s to the left, rad/s to the left, of the base
     power: float  # W, positive mechanical power of all joints
     error: float  # m/s, between commanded and actual horizontal velocity, or mm from a motion
+    over: bool = False  # the motion has ended
 
 
 class Robot:
     """A robot whose base moves freely, with the gains, targets and observation of deploy.yaml.
 
-    Without disturbances, its friction is the model's, and a step equals one of mjlab. An episode
-    that is `over` has reached its goal.
+    Without disturbances, its friction is the model's, and a step equals one of mjlab.
     """
-
-    over = False
 
     def __init__(
         self,
