@@ -237,6 +237,7 @@ class Client:
             return
         numbers, at, places = np.frombuffer(data[4:], np.float32), 0, []
         while at < len(numbers):
-            places.append(numbers[at + 2 : at + 2 + 3 * self.bodies].reshape(-1, 3))
-            at += 2 + 7 * self.bodies + 6 * int(numbers[at + 1])
+            _, contacts, ghosts = map(int, numbers[at : at + 3])
+            places.append(numbers[at + 3 : at + 3 + 3 * self.bodies].reshape(-1, 3))
+            at += 3 + 7 * self.bodies * (1 + ghosts) + 6 * contacts
         self.frames, self.poses = self.frames + 1, np.array(places)

@@ -55,6 +55,7 @@ class Deployment(NamedTuple):
 
     settings: dict[str, Any]  # plain values in the shape of unitree_rl_lab's deploy.yaml
     model: bytes | None  # a zip of robot.xml and the files that it names, if it can be written
+    motion: bytes | None = None  # an npz of what the policy follows, one frame per control step
 
 
 class State(Protocol):
@@ -97,6 +98,10 @@ class Robot(Worlds):
 
         None: the mapping has another form, or actions are the model's actuators.
         """
+        return None
+
+    def ghost(self) -> Tensor | None:
+        """Return the pose (nq,) that the first robot should have; None: it follows no motion."""
         return None
 
     def deployment(self) -> Deployment | None:

@@ -19,7 +19,8 @@ class Play(Section):
 
     Without --episodes, a window shows the robot in real time, and keys steer it. Without a display,
     a film is written. Commands are random in films and episodes, and the trade-off slides between
-    random points. A tour is scored like the public teleop-walking-benchmark scores the G1.
+    random points. A tour is scored like the public teleop-walking-benchmark scores the G1. A policy
+    that follows a motion starts in its first pose and stands for 2 s in its last one.
     """
 
     export: Annotated[Path, Positional, arg(metavar="EXPORT")]
@@ -36,7 +37,7 @@ class Play(Section):
     """Weight of each objective in a tour (None: the same for all)."""
     seconds: float | None = None
     """Duration of an episode or film, or after which the window closes (None: 30 in episodes, 90 in
-    a tour, 5 in a film, no limit in a window)."""
+    a tour, 5 in a film, all of a motion, no limit in a window)."""
     output: Path | None = None
     """Write a film, FILE.mp4 or FILE.gif, instead of opening a window (None: film.mp4 if there is
     no display)."""
@@ -56,7 +57,8 @@ class Play(Section):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Play, arguments)
-    from ..viewers.playing.episodes import HELP, film, has_display, run, show  # imports MuJoCo
+    from ..viewers.playing.episodes import HELP, SLIDING, film, has_display, run, show
+    from ..viewers.playing.following import duration
     from ..viewers.playing.robot import Disturbances, open_export
 
     seconds, seed = options.seconds, options.seed
@@ -65,42 +67,45 @@ def command(arguments: Sequence[str]) -> None:
     if options.tour:
         from ..viewers.playing.tour import WALK, score
 
-        weights, duration = None, WALK if seconds is None else seconds
+        weights, seconds = None, WALK if seconds is None else seconds
         if options.tradeoff is not None:
             from ..configuration.tradeoffs import parse_tradeoff  # imports torch
 
             weights = parse_tradeoff(options.tradeoff, deployment.settings.objectives)
         with cli.Live():
-            columns = score(options.export, options.tour_runs, weights, duration)
+            columns = score(options.export, options.tour_runs, weights, seconds)
         table = Table("column", Column(f"{options.tour_runs} runs", justify="right"))
         for name, value in columns.items():
             table.add_row(name, "-" if math.isnan(value) else f"{value:.1f}")
         cli.console.print(table)
         return
+    follows = deployment.motion is not None
     if options.episodes is not None:
-        duration = 30.0 if seconds is None else seconds
+        length = duration(deployment, 30.0) if seconds is None else seconds
         with cli.Live():
-            episodes = run(deployment, strengths, options.episodes, duration, seed)
-        cli.console.print(_table(episodes))
+            episodes = run(deployment, strengths, options.episodes, length, seed)
+        cli.console.print(_table(episodes, follows))
         return
     if options.output is None and has_display():
-        cli.console.print(HELP)
+        cli.console.print(SLIDING if follows else HELP)
         falls = show(deployment, strengths, seconds, options.gamepad, seed)
     else:
-        file, duration = options.output or Path("film.mp4"), 5.0 if seconds is None else seconds
+        file = options.output or Path("film.mp4")
+        length = duration(deployment, 5.0) if seconds is None else seconds
         with cli.Live():
-            falls = film(deployment, strengths, file, duration, seed)
+            falls = film(deployment, strengths, file, length, seed)
         cli.console.print(f"written: {file}")
     cli.console.print(f"falls: {falls}")
 
 
-def _table(episodes: Sequence) -> Table:
+def _table(episodes: Sequence, follows: bool) -> Table:
     from ..viewers.playing.episodes import summary
 
-    heads = ("episode", "falls", "time, s", "error, m/s", "power, W", "cost of transport")
+    unit, digits = ("mm", 1) if follows else ("m/s", 3)
+    heads = ("episode", "falls", "time, s", f"error, {unit}", "power, W", "cost of transport")
     table = Table(*(Column(head, justify="right") for head in heads))
     rows = [*enumerate(episodes, 1), ("all", summary(episodes))]
     for name, row in rows:
-        numbers = f"{row.error:.3f}", f"{row.power:.1f}", f"{row.transport:.2f}"
+        numbers = f"{row.error:.{digits}f}", f"{row.power:.1f}", f"{row.transport:.2f}"
         table.add_row(str(name), f"{row.falls:.0f}", f"{row.seconds:.1f}", *numbers)
     return table

@@ -13,7 +13,7 @@ from ..host.version import __version__
 if TYPE_CHECKING:
     from ..envs import Robot  # imports torch, which playing an export does without
 
-SETTINGS, MODEL = "deploy.yaml", "robot.zip"
+SETTINGS, MODEL, MOTION = "deploy.yaml", "robot.zip", "motion.npz"
 HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/export.md.\n"
 
 
@@ -25,7 +25,7 @@ def deploy(
     tradeoff: Sequence[float] | None = None,
     slew: float | None = None,
 ) -> list[str] | None:
-    """Write deploy.yaml and robot.zip beside the file of an exported policy.
+    """Write deploy.yaml, robot.zip and a motion to follow beside the file of an exported policy.
 
     `tradeoff` (m,) is None if it is an input, and its weights change by at most `slew` per second.
     Returns what the files lack, in sentences; None, and no file is written, unless the robot's
@@ -39,6 +39,7 @@ def deploy(
         "task": task,
         "policy": policy.name,
         "model": MODEL if deployment.model else None,
+        "motion": MOTION if deployment.motion else None,
         "objectives": objectives,
         "tradeoff": tradeoff,
         "slew": slew,
@@ -50,6 +51,8 @@ def deploy(
     text = yaml.safe_dump(settings, default_flow_style=None, sort_keys=False, width=100)
     if deployment.model:
         write_file(policy.with_name(MODEL), deployment.model)
+    if deployment.motion:
+        write_file(policy.with_name(MOTION), deployment.motion)
     write_file(policy.with_name(SETTINGS), HEADER + text)
     action, stiffness = settings["actions"]["JointPositionAction"], settings["stiffness"]
     driven = zip(action["joint_ids"] or range(len(stiffness)), action["joint_names"], strict=True)

@@ -16,13 +16,15 @@ class Player:
 
     Set `tradeoff` and `command` (C,), numbers for the task's `command_limits`, between steps.
     `data` holds the current state for a renderer, and the motor forces; write to `env.physics` to
-    move the robot. `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
+    move the robot. `ghost` holds the state that the robot should have, if it follows a motion.
+    `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
         self.policy, self.env = policy, policy.make_robot(seed)
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
+        self.ghost = None if self.env.ghost() is None else mujoco.MjData(self.model)
         self.tradeoff = tradeoff
         self.command = self.env.command[0].tolist() if self.env.command_limits else []
         self.reset()
@@ -63,3 +65,6 @@ class Player:
         for name in parts.keys() & {"mocap_pos", "mocap_quat"}:
             getattr(self.data, name)[:] = parts[name][0][0].numpy()
         mujoco.mj_forward(self.model, self.data)
+        if self.ghost is not None and (pose := self.env.ghost()) is not None:
+            self.ghost.qpos[:] = pose.numpy()
+            mujoco.mj_kinematics(self.model, self.ghost)

@@ -226,7 +226,7 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
         "offset has 1 entries instead of 2": lambda content: content["actions"][
             "JointPositionAction"
         ]["offset"].pop(),
-        "ranges.lin_vel_x: Field required": lambda content: content["commands"].clear(),
+        "ranges needs lin_vel_x": lambda content: content["commands"].clear(),
         "no joint knee": lambda content: content["morlax_torch"]["joints"].__setitem__(0, "knee"),
     }
     text = (folder / "deploy.yaml").read_text()

@@ -13,7 +13,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import mujoco
+import numpy as np
 import torch
+from torch import Tensor
 
 from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .worlds import MjlabWorlds, from_task
@@ -27,6 +29,9 @@ UNITS = {
     "base_ang_vel": "rad/s, in the body",
     "projected_gravity": "1, in the body",
     "velocity_commands": "m/s, m/s, rad/s",
+    "motion_command": "rad, then rad/s: all joints of the motion",
+    "motion_anchor_pos_b": "m, to the motion's anchor body, in the robot's",
+    "motion_anchor_ori_b": "1: rows of two columns of the matrix that turns between these bodies",
     "joint_pos_rel": "rad, from default_joint_pos",
     "joint_vel_rel": "rad/s",
     "last_action": "the policy's last output",
@@ -41,7 +46,10 @@ def robot_of(name: str) -> type["MjlabRobot"]:
 
 
 class MjlabRobot(MjlabWorlds, Robot):
-    """Worlds of mjlab on the CPU whose command stays as it is until someone changes it."""
+    """Worlds of mjlab on the CPU whose command stays as it is until someone changes it.
+
+    An episode is a whole motion, if one is followed.
+    """
 
     def _open(self, seed: int) -> None:
         self.options = self.options.model_copy(update={"robust": False})  # the robot as it is built
@@ -50,11 +58,16 @@ class MjlabRobot(MjlabWorlds, Robot):
         model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away
         state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
         self.physics = SimpleNamespace(model=model, **state)
+        self.motion: Any = None  # mjlab's term of the command, if a motion is followed
         self.command_limits = {}
         for name, term in self.env.cfg.commands.items():
             ranges = vars(term.ranges) if hasattr(term, "ranges") else {}
             limits = {key: value for key, value in ranges.items() if key != "heading"}
             command = self.env.command_manager.get_command(name)
+            if hasattr(term, "motion_file"):
+                self.motion = self.env.command_manager.get_term(name)
+                self.episode_length = self.motion.motion.time_step_total - 1
+                self.env.cfg.episode_length_s = (self.episode_length - 0.5) * self.env.step_dt
             if len(limits) == command.shape[1]:
                 self.command_limits, self.command = limits, command
 
@@ -62,6 +75,8 @@ class MjlabRobot(MjlabWorlds, Robot):
         cfg = super().config(seed)
         for term in cfg.commands.values():
             term.resampling_time_range = (1e9, 1e9)
+            if hasattr(term, "sampling_mode"):
+                term.sampling_mode = "start"  # of the motion, in each episode
             for share in ("rel_standing_envs", "rel_heading_envs", "rel_world_envs"):
                 if hasattr(term, share):
                     setattr(term, share, -1.0)  # below what is drawn, so that no world has it
@@ -89,12 +104,23 @@ class MjlabRobot(MjlabWorlds, Robot):
         offset = [(one * term.offset).view(-1) for one, term in zip(each, terms, strict=True)]
         return (size * torch.cat(scale)).tolist(), torch.cat(offset).tolist()
 
+    def ghost(self) -> Tensor | None:
+        if (command := self.motion) is None:
+            return None
+        pose, motion = self.physics.qpos[0].clone(), command.motion
+        frame = command.time_steps[0].sub(1).clamp(min=0)  # the command is the next one
+        indexing = command.robot.indexing
+        root = motion.body_pos_w[frame, 0], motion.body_quat_w[frame, 0]
+        pose[indexing.free_joint_q_adr] = torch.cat(root)
+        pose[indexing.joint_q_adr] = motion.joint_pos[frame]
+        return pose
+
     def deployment(self) -> Deployment | None:
         scales = self.scales()
         if scales is None:
             return None
         env, terms, model = self.env, self._actions(), self.env.sim.mj_model
-        name = terms[0].cfg.entity_name
+        name, motion = terms[0].cfg.entity_name, None
         robot = env.scene[name]
         ids = torch.cat([term.target_ids for term in terms]).tolist()
         joints = [f"{name}/{joint}" for joint in robot.joint_names]
@@ -135,7 +161,15 @@ class MjlabRobot(MjlabWorlds, Robot):
                 ],
             },
         }
-        return Deployment(settings, _zipped(env))
+        if self.motion is not None:
+            fps = round(1 / env.step_dt, 6)
+            cfg, motion = self.motion.cfg, _motion(self.motion, fps)
+            settings["morlax_torch"] |= {
+                "motion_fps": fps,
+                "anchor_body": f"{name}/{cfg.anchor_body_name}",
+                "key_bodies": [f"{name}/{body}" for body in cfg.body_names],
+            }
+        return Deployment(settings, _zipped(env), motion)
 
     def _actions(self) -> list[Any]:
         manager = self.env.action_manager
@@ -148,6 +182,8 @@ class MjlabRobot(MjlabWorlds, Robot):
     def _label(self, name: str) -> str:
         """Return unitree_rl_lab's name of a term of the observation."""
         function: str = self._observed(name).func.__name__
+        if function == "generated_commands" and self.motion is not None:
+            return "motion_command"
         return name if function == "builtin_sensor" else NAMES.get(function, function)
 
     def _observation(self, part: Part) -> dict[str, Any]:
@@ -163,6 +199,8 @@ class MjlabRobot(MjlabWorlds, Robot):
         params = {name: value for name, value in cfg.params.items() if name == "sensor_name"}
         if label == "velocity_commands":
             params["command_name"] = "base_velocity"
+        if label.startswith("motion_"):
+            params["command_name"] = "motion"
         row = {"params": params, "clip": clip, "scale": scale.tolist()}
         return row | {"history_length": history}
 
@@ -200,6 +238,16 @@ def _clip(terms: list[Any]) -> list[list[float]] | None:
         free = [[-float("inf"), float("inf")]] * term.action_dim
         rows += free if term.cfg.clip is None else term._clip[0].tolist()
     return rows
+
+
+def _motion(command: Any, fps: float) -> bytes:
+    """Return the motion of mjlab's command as a file with mjlab's names, of key bodies only."""
+    bodies = [f"body_{name}_w" for name in ("pos", "quat", "lin_vel", "ang_vel")]
+    names = "joint_pos", "joint_vel", *bodies
+    arrays = {name: getattr(command.motion, name).numpy() for name in names}
+    file = io.BytesIO()
+    np.savez_compressed(file, fps=np.array([fps]), **arrays)
+    return file.getvalue()
 
 
 def _zipped(env: Any) -> bytes | None:

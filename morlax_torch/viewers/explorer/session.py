@@ -32,7 +32,7 @@ class Session:
     Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
     that of the policies, if it was evaluated. `robot` is the same object for sessions that look
     alike and can stand side by side. `data` is the current state, of an episode with `steps` so
-    far; a step takes `dt` s.
+    far; a step takes `dt` s. `ghost` is what the robot should be, by its motion.
     """
 
     def __init__(self, policy: Policy, front: Front | None):
@@ -41,6 +41,7 @@ class Session:
         self.player = player = Player(policy, self.tradeoff)
         self.robot: object = policy
         self.model, self.data, self.dt = player.model, player.data, player.env.dt
+        self.ghost = player.ghost
         self.steps, self._due = 0, 0.0
         self._clock: float | None = None
         self.last_episode: dict[str, Any] | None = None
@@ -173,14 +174,16 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
 
 
 def frame_bytes(sessions: Sequence[Session]) -> bytes | None:
-    """Return steps, poses of bodies and forces at contacts, as 32-bit floats; None: not finite."""
+    """Return steps, poses, contacts and ghosts as 32-bit floats; None: they are not finite."""
     parts = [np.array([FRAME], np.int32).tobytes()]
     for session in sessions:
         model, data = session.model, session.data
         if not np.isfinite(data.xpos).all():
             return None
         arrows = contact_arrows(model, data)
-        numbers = ([session.steps, len(arrows)], data.xpos, data.xquat, arrows)
+        ghosts = [] if session.ghost is None else [session.ghost]
+        numbers = [[session.steps, len(arrows), len(ghosts)], data.xpos, data.xquat, arrows]
+        numbers += [part for ghost in ghosts for part in (ghost.xpos, ghost.xquat)]
         parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
     return b"".join(parts)
 

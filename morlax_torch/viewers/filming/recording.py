@@ -12,7 +12,7 @@ from shutil import which
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
 from ...configuration.tradeoffs import typical_tradeoffs
@@ -125,8 +125,8 @@ class Film:
         with self._scenes() as scenes:
             for take, scene, row in zip(self._takes, scenes, rows, strict=True):
                 drawn.append(panels.labeled(take.label(), *self._size))
-                for data, time, failed in row:
-                    picture = Image.fromarray(scene.draw(data, next(cameras)))
+                for data, time, failed, ghost in row:
+                    picture = Image.fromarray(scene.draw(data, next(cameras), ghost))
                     picture = panels.dimmed(picture) if failed else picture
                     drawn.append(panels.timed(picture, time))
         return panels.side_by_side(drawn, 1 + pictures)
@@ -174,7 +174,9 @@ class Take:
         if self._frozen is not None:
             return self._frozen
         self._camera.stand_back(distance)
-        picture = Image.fromarray(scene.draw(self.player.data, self._camera.camera))
+        player = self.player
+        drawn = scene.draw(player.data, self._camera.camera, player.ghost)
+        picture = Image.fromarray(drawn)
         clock = f"{self.player.steps * self.player.env.dt:.2f} s"
         if self.failed:
             picture, clock = panels.dimmed(picture), f"failed after {clock}"
@@ -182,21 +184,24 @@ class Take:
         self._frozen = picture if self.failed else None
         return picture
 
-    def moments(self, steps: int, pictures: int) -> list[tuple[mujoco.MjData, float, bool]]:
-        """Return poses in the last gait cycle of an episode, with seconds and whether it fails."""
+    def moments(
+        self, steps: int, pictures: int
+    ) -> list[tuple[mujoco.MjData, float, bool, mujoco.MjData | None]]:
+        """Return states of the last gait cycle, with seconds, whether they fail, and ghosts."""
         self.reset()
-        states = [self.player.data.qpos.copy()]
+        states, ghosts = [self.player.data.qpos.copy()], [self.player.env.ghost()]
         while self.player.steps < steps and not self.failed:
             self.step()
             states.append(self.player.data.qpos.copy())
+            ghosts.append(self.player.env.ghost())
         qpos = np.stack([state for state in states if np.isfinite(state).all()])
         model, dt, moments = self.player.model, self.player.env.dt, []
         hinges = model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
         for step in panels.moments(qpos[:, hinges], dt, pictures):
-            data = mujoco.MjData(model)
-            data.qpos[:] = qpos[step]
-            mujoco.mj_forward(model, data)
-            moments.append((data, step * dt, self.failed and step == len(qpos) - 1))
+            failed = self.failed and step == len(qpos) - 1
+            pose = ghosts[step]
+            ghost = None if pose is None else _posed(model, pose.numpy())
+            moments.append((_posed(model, qpos[step]), step * dt, failed, ghost))
         return moments
 
     def _body(self) -> list[str]:
@@ -308,6 +313,13 @@ def record(
     else:
         stride, fps = film.pace(speed, FASTEST[ending])
         write_video(output, film.frames(seconds, stride), fps)
+
+
+def _posed(model: mujoco.MjModel, qpos: ArrayLike) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    return data
 
 
 def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:

@@ -22,6 +22,7 @@ SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
 DIM = 0.8  # ambient plus diffuse; headlights dimmer than this do not light a scene
 AMBIENT, SUN = 0.4, np.array([0.25, 0.35, -1.0])  # of an added light; the direction of its rays
 SKY, FLOOR, LINE = (0.62, 0.72, 0.84, 1.0), (0.87, 0.90, 0.94, 1.0), (0.6, 0.64, 0.7, 1.0)
+GHOST = 0.35, 0.65, 0.45, 0.4
 TRIAL = (
     "import mujoco; model = mujoco.MjModel.from_xml_string('<mujoco/>'); "
     "mujoco.Renderer(model, 8, 8).close()"
@@ -62,10 +63,24 @@ class Scene(AbstractContextManager["Scene"]):
         self._grid = data.geom_xpos[plain, 2].max() if plain.any() else self._ground  # of lines
         self._renderer = mujoco.Renderer(model, height, width)
 
-    def draw(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> NDArray[np.uint8]:
-        """Render the state in `data` as `camera` sees it: (height, width, 3) RGB."""
+    def draw(
+        self,
+        data: mujoco.MjData,
+        camera: mujoco.MjvCamera,
+        ghost: mujoco.MjData | None = None,
+    ) -> NDArray[np.uint8]:
+        """Render the state in `data` as `camera` sees it: (height, width, 3) RGB.
+
+        A ghost is a translucent robot in another state.
+        """
         self._renderer.update_scene(data, camera)
         scene, size = self._renderer.scene, self._size
+        if ghost is not None:
+            view, hand, first = mujoco.MjvOption(), mujoco.MjvPerturb(), scene.ngeom
+            moving = mujoco.mjtCatBit.mjCAT_DYNAMIC
+            mujoco.mjv_addGeoms(self._renderer.model, ghost, view, hand, moving, scene)
+            for geom in scene.geoms[first : scene.ngeom]:
+                geom.rgba[:], geom.matid = GHOST, -1
         step = 2.0 ** round(np.log2(size / 4))  # m between lines
         x, y, _ = np.round(camera.lookat / step) * step  # lines stay in place
         if self._ground is not None:

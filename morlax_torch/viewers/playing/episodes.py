@@ -18,6 +18,7 @@ from ...envs import MorlaxError
 from ...envs.errors import installation, line
 from ...host.files import attempting, read
 from ...host.phases import phase
+from .following import robot_for
 from .robot import Array, Disturbances, Export, Robot
 
 PERIODS = 3.0, 8.0  # s for which a command or a trade-off is wished for
@@ -33,9 +34,8 @@ MOVES = {  # keys that the viewer itself does not use: entry of the command, dir
     RIGHT: (2, -1),
 }
 SLIDES = {ord("6"): -1, ord("9"): 1}
-HELP = (
-    "up, down: forward; left, right: turn; 7, 8: sideways; Enter: stop; 6, 9: slide the trade-off"
-)
+SLIDING = "6, 9: slide the trade-off"
+HELP = f"up, down: forward; left, right: turn; 7, 8: sideways; Enter: stop; {SLIDING}"
 EVENT = struct.Struct("IhBB")  # of a joystick in Linux: ms, value, kind, number
 BUTTON, AXIS = 1, 2
 STICKS = {1: 0, 0: 1, 3: 2}  # axis of a gamepad: entry of the command
@@ -85,11 +85,11 @@ class Policy:
         return np.asarray(actions, float)[0]
 
     def drive(self, robot: Robot, command: Array) -> bool:
-        """Take a control step, and return whether the robot fell; then it starts again."""
-        fallen = robot.step(self.act(robot.observe(command))).fallen
-        if fallen:
+        """Take a control step, and return whether the robot fell; it starts again at an end."""
+        step = robot.step(self.act(robot.observe(command)))
+        if step.fallen or step.over:
             robot.reset()
-        return fallen
+        return step.fallen
 
 
 def wishes(deployment: Export, policy: Policy, rng: np.random.Generator) -> Iterator[Array]:
@@ -144,7 +144,8 @@ class Steering:
     def words(self) -> tuple[str, str]:
         """Return the names and the values of what is steered, one per line."""
         weights = dict(zip(self._policy.objectives, self._policy.tradeoff, strict=True))
-        values = dict(zip(("forward", "left", "turn"), self.command, strict=True))
+        names = ("forward", "left", "turn") if self._high.any() else ()  # a motion is not steered
+        values = dict(zip(names, self.command, strict=False))
         values |= weights if self._policy.slides else {}
         return "\n".join(values), "\n".join(f"{value:.2f}" for value in values.values())
 
@@ -178,7 +179,7 @@ class Episode(NamedTuple):
 
     falls: float
     seconds: float  # until the fall, if there was one
-    error: float  # m/s, between commanded and actual horizontal velocity
+    error: float  # m/s, between commanded and actual horizontal velocity, or mm from a motion
     power: float  # W, positive mechanical power of all joints
     speed: float  # m/s, horizontal
     weight: float  # N, of the robot
@@ -196,7 +197,7 @@ def run(
     seconds: float = 30.0,
     seed: int = 0,
 ) -> list[Episode]:
-    """Run episodes under random commands and trade-offs, which end with a fall."""
+    """Run episodes under random commands and trade-offs, which end with a fall or the motion."""
     steps = _steps(deployment, seconds)
     if episodes < 1:
         raise MorlaxError(f"--episodes must be at least 1, not {episodes}.")
@@ -204,7 +205,7 @@ def run(
     for number in range(episodes):
         phase("playing", number / episodes)
         draws, rng = np.random.SeedSequence([seed, number]).spawn(2)
-        robot = Robot(deployment, disturbances, draws)
+        robot = robot_for(deployment, disturbances, draws)
         commands = wishes(deployment, policy, np.random.default_rng(rng))
         rows.append(_episode(robot, policy, islice(commands, steps)))
     return rows
@@ -223,8 +224,9 @@ def _episode(robot: Robot, policy: Policy, commands: Iterable[Array]) -> Episode
         step = robot.step(policy.act(robot.observe(command)))
         if fallen := step.fallen:
             break
-        error = np.linalg.norm(command[:2] - step.velocity[:2])
-        rows.append((error, step.power, np.linalg.norm(step.velocity[:2])))
+        rows.append((step.error, step.power, np.linalg.norm(step.velocity[:2])))
+        if step.over:
+            break
     error, power, speed = np.mean(rows, axis=0).tolist() if rows else [np.nan] * 3
     seconds = (len(rows) + fallen) * robot.dt
     return Episode(float(fallen), seconds, error, power, speed, robot.weight())
@@ -256,7 +258,7 @@ def show(
     """
     from mujoco import viewer  # loads a library of windows
 
-    robot, policy, falls = Robot(deployment, disturbances, seed), Policy(deployment), 0
+    robot, policy, falls = robot_for(deployment, disturbances, seed), Policy(deployment), 0
     steering = Steering(deployment, policy)
     pad = None if gamepad is None else Gamepad(gamepad)
     try:
@@ -300,7 +302,7 @@ def film(
     steps, falls = _steps(deployment, seconds), 0
     if output.suffix.lower() not in ENDINGS:
         raise MorlaxError(f"{output} must end in {' or '.join(ENDINGS)}.")
-    robot, policy = Robot(deployment, disturbances, seed), Policy(deployment)
+    robot, policy = robot_for(deployment, disturbances, seed), Policy(deployment)
     robot.model.light_castshadow[:] = 0  # shadows and reflections of fine meshes take a CPU a
     robot.model.mat_reflectance[:] = 0  # second per frame
     commands = wishes(deployment, policy, np.random.default_rng(seed))
@@ -314,7 +316,7 @@ def film(
             for step, command in enumerate(islice(commands, steps)):
                 phase("filming", step / steps)
                 if step % stride == 0:
-                    yield scene.draw(robot.data, camera.camera)
+                    yield scene.draw(robot.data, camera.camera, robot.ghost())
                 falls += policy.drive(robot, command)
                 camera.follow(robot.data, robot.dt)
 

@@ -50,6 +50,7 @@ def _in(*path: str, **constraints: Any) -> Any:
     return Field(validation_alias=AliasPath(*path), **constraints)
 
 
+AXES = "lin_vel_x", "lin_vel_y", "ang_vel_z"
 RANGES = "commands", "base_velocity", "ranges"
 ACTION = "actions", "JointPositionAction"
 OURS = "morlax_torch"  # the entries that unitree_rl_lab does not have
@@ -63,15 +64,18 @@ class Settings(BaseModel):
     damping: list[float | None]
     default_joint_pos: Values
     observations: dict[str, Term]
-    lin_vel_x: Range = _in(*RANGES, "lin_vel_x")
-    lin_vel_y: Range = _in(*RANGES, "lin_vel_y")
-    ang_vel_z: Range = _in(*RANGES, "ang_vel_z")
+    lin_vel_x: Range = _in(*RANGES, "lin_vel_x", default=(0.0, 0.0))
+    lin_vel_y: Range = _in(*RANGES, "lin_vel_y", default=(0.0, 0.0))
+    ang_vel_z: Range = _in(*RANGES, "ang_vel_z", default=(0.0, 0.0))
     clip: list[Range] | None = _in(*ACTION, "clip")
     scale: Values = _in(*ACTION, "scale")
     offset: Values = _in(*ACTION, "offset")
     joint_ids: list[int] | None = _in(*ACTION, "joint_ids")
     policy: str = _in(OURS, "policy")
     model: str = _in(OURS, "model")
+    motion: str | None = _in(OURS, "motion", default=None)
+    anchor_body: str = _in(OURS, "anchor_body", default="")
+    key_bodies: list[str] = _in(OURS, "key_bodies", default=[])
     objectives: list[str] = _in(OURS, "objectives")
     slew: float | None = _in(OURS, "slew", gt=0)
     joints: list[str] = _in(OURS, "joints")
@@ -90,6 +94,10 @@ class Settings(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> "Settings":
+        if self.motion is None and not self.model_fields_set.issuperset(AXES):
+            raise ValueError(f"{'.'.join(RANGES)} needs {', '.join(AXES)}.")
+        if self.motion is not None and self.anchor_body not in self.key_bodies:
+            raise ValueError(f"the anchor_body {self.anchor_body} is not among key_bodies.")
         driven, joints = self.driven, range(len(self.joints))
         counts = dict.fromkeys(("scale", "offset", "clip"), len(driven))
         names = ("stiffness", "damping", "default_joint_pos", "default_joint_vel")
@@ -108,12 +116,22 @@ class Settings(BaseModel):
         return self
 
 
+class Motion(NamedTuple):
+    """T frames of J joints and K key bodies, the first of which is the base."""
+
+    joint_pos: Array  # (T, J): rad
+    joint_vel: Array  # (T, J): rad/s
+    body_pos_w: Array  # (T, K, 3): m, in the world
+    body_quat_w: Array  # (T, K, 4): quaternions, w first
+
+
 class Export(NamedTuple):
     """An export that can be played."""
 
     settings: Settings
     model: mujoco.MjModel
     policy: Path
+    motion: Motion | None = None
 
 
 def open_export(path: Path) -> Export:
@@ -133,7 +151,24 @@ def open_export(path: Path) -> Export:
         model = mujoco.MjSpec.from_zip(content).compile()
     except (ValueError, zipfile.BadZipFile) as error:
         raise MorlaxError(f"cannot load the model {archive}: {line(error)}.") from None
-    return Export(settings, model, folder / settings.policy if path == folder else path)
+    policy = folder / settings.policy if path == folder else path
+    return Export(settings, model, policy, _motion(folder, settings))
+
+
+def _motion(folder: Path, settings: Settings) -> Motion | None:
+    if settings.motion is None:
+        return None
+    path, names = folder / settings.motion, Motion._fields
+    content, (J, K) = read(path, "motion"), (len(settings.joints), len(settings.key_bodies))
+    try:
+        with np.load(io.BytesIO(content)) as file:
+            motion = Motion(*(file[name].astype(float) for name in names))
+    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise MorlaxError(f"cannot load the motion {path}: {line(error)}.") from None
+    for name, array, shape in zip(names, motion, ((J,), (J,), (K, 3), (K, 4)), strict=True):
+        if array.shape != (expected := (len(motion.joint_pos), *shape)):
+            raise MorlaxError(f"{name} of {path} has the shape {array.shape}, not {expected}.")
+    return motion
 
 
 @dataclass
@@ -158,6 +193,8 @@ class Step(NamedTuple):
     fallen: bool
     velocity: Array  # (3,): m/s ahead, m/s to the left, rad/s to the left, of the base
     power: float  # W, positive mechanical power of all joints
+    error: float  # m/s, between commanded and actual horizontal velocity, or mm from a motion
+    over: bool = False  # the motion has ended
 
 
 class Robot:
@@ -208,8 +245,6 @@ class Robot:
         self._start = self._rest[0][driven]
         self.reset()
         for name, term in self._terms:
-            if name not in OBSERVATIONS:
-                raise unknown("observation", name, OBSERVATIONS)
             size = len(self._read(name, term.params))
             if size != len(term.scale):
                 raise MorlaxError(f"{name} has {size} numbers, but its scale {len(term.scale)}.")
@@ -270,7 +305,9 @@ class Robot:
             self._twist()[:2] += self._rng.uniform(-most, most, 2)
         mujoco.mj_forward(self.model, self.data)
         fallen = self.broken() or not self._turn()[2, 2] > FALLEN
-        return Step(fallen, self.velocity(), power)
+        velocity = self.velocity()
+        error = float(np.linalg.norm(self.command[:2] - velocity[:2]))
+        return Step(fallen, velocity, power, error)
 
     def broken(self) -> bool:
         """Return whether MuJoCo has reset a state that is not finite or too large."""
@@ -279,6 +316,10 @@ class Robot:
     def velocity(self) -> Array:
         """Return the velocity (3,) that a `Step` has."""
         return np.array([*(self._twist()[:3] @ self._turn())[:2], self._twist()[5]])
+
+    def ghost(self) -> mujoco.MjData | None:
+        """Return the state that the robot should have; None: it follows no motion."""
+        return None
 
     def weight(self) -> float:
         """Return the robot's weight in N."""
@@ -295,6 +336,8 @@ class Robot:
 
     def _read(self, name: str, params: dict) -> Array:
         """Return the values of a term before noise, clip and scale."""
+        if name not in OBSERVATIONS:
+            raise unknown("observation", name, OBSERVATIONS)
         if "sensor_name" not in params:
             return OBSERVATIONS[name](self)
         try:

@@ -38,7 +38,7 @@ export class Remote {
 
   constructor(listener) {
     Object.assign(this, { listener, robots: [], state: {}, scene: {} });
-    this.poses = []; // of each robot: steps, places, turns, contacts
+    this.poses = []; // of each robot: steps, places, turns, contacts, ghost
     this.next = null; // about, model, state and poses of a run whose parts are still coming
     this.arrived = 0; // ms, when they came
     this.interval = 25; // ms between frames
@@ -174,10 +174,12 @@ export class Remote {
 function posesOf(numbers, nbody) {
   const poses = [];
   for (let at = 0; at < numbers.length; ) {
-    const [steps, contacts] = numbers.subarray(at, at + 2);
+    const [steps, contacts, ghosts] = numbers.subarray(at, at + 3);
     const next = (size) => numbers.subarray(at, (at += size));
-    at += 2;
-    poses.push({ steps, places: next(3 * nbody), turns: next(4 * nbody), contacts: next(6 * contacts) });
+    at += 3;
+    const pose = { steps, places: next(3 * nbody), turns: next(4 * nbody), contacts: next(6 * contacts) };
+    poses.push(pose);
+    pose.ghost = ghosts ? { places: next(3 * nbody), turns: next(4 * nbody) } : null;
   }
   return poses;
 }

@@ -7,6 +7,7 @@ import { colorOf, geometryOf, shownGeoms } from "./shapes.js";
 const AHEAD = 0.25; // s that the arrow of a velocity looks ahead
 const POINTS = 80; // of a trail
 const ALONG = new THREE.Vector3(0, 1, 0); // the direction of three.js's cylinders and cones
+const GHOSTLY = 0.35; // opacity
 const SHORTEST = 3; // times the width; shorter arrows are left out
 
 export class Robot {
@@ -14,9 +15,9 @@ export class Robot {
   constructor(model, size, index) {
     this.size = size;
     this.group = new THREE.Group(); // moves by what the robot has moved
-    this.bodies = Array.from({ length: model.nbody }, () => new THREE.Group());
-    this.group.add(...this.bodies);
-    for (const geom of shownGeoms(model)) addGeom(this.bodies, model, geom);
+    this.model = model;
+    this.bodies = this.#addBodies(shownGeoms(model));
+    this.ghost = null; // bodies of a robot that follows a motion perfectly
     this.arrows = {
       velocity: new Arrows(this.group, "#0072b2", size),
       command: new Arrows(this.group, "#009e73", size),
@@ -31,14 +32,29 @@ export class Robot {
     this.ring = index === null ? null : ringOf(size, robotColor(index));
   }
 
-  /** Move the bodies `share` of the way from one pose to another. */
+  /** Move the bodies `share` of the way from one pose to another, and those of a ghost. */
   pose(former, latest, share) {
-    for (const [index, body] of this.bodies.entries()) {
-      body.position.fromArray(former.places, 3 * index);
-      body.position.lerp(place.fromArray(latest.places, 3 * index), share);
-      quaternionAt(former.turns, index, body.quaternion);
-      body.quaternion.slerp(quaternionAt(latest.turns, index, turn), share);
+    move(this.bodies, former, latest, share);
+    if (!latest.ghost) return;
+    this.ghost ??= this.#addGhost();
+    move(this.ghost, former.ghost, latest.ghost, share);
+  }
+
+  #addBodies(geoms) {
+    const bodies = Array.from({ length: this.model.nbody }, () => new THREE.Group());
+    this.group.add(...bodies);
+    for (const geom of geoms) addGeom(bodies, this.model, geom);
+    return bodies;
+  }
+
+  #addGhost() {
+    const bodies = this.#addBodies(shownGeoms(this.model).filter((geom) => this.model.geom_bodyid[geom] > 0));
+    for (const mesh of bodies.flatMap((body) => body.children)) {
+      Object.assign(mesh.material, { transparent: true, opacity: GHOSTLY, depthWrite: false });
+      mesh.material.color.set("#40a870");
+      mesh.castShadow = mesh.receiveShadow = false;
     }
+    return bodies;
   }
 
   /** Draw the arrows and the trail that are `shown`, by name, at a moment of the stage. */
@@ -64,6 +80,15 @@ export class Robot {
       geometry?.dispose();
       material?.dispose();
     });
+  }
+}
+
+function move(bodies, former, latest, share) {
+  for (const [index, body] of bodies.entries()) {
+    body.position.fromArray(former.places, 3 * index);
+    body.position.lerp(place.fromArray(latest.places, 3 * index), share);
+    quaternionAt(former.turns, index, body.quaternion);
+    body.quaternion.slerp(quaternionAt(latest.turns, index, turn), share);
   }
 }
 

@@ -106,8 +106,8 @@ export class Stage {
     const [first] = this.latest ?? [{ steps: -1 }];
     if (robots[0].steps === first.steps) return; // paused
     this.former = this.latest;
-    this.latest = robots.map(({ places, turns, steps, contacts }) => {
-      return { places: places.slice(), turns: turns.slice(), steps, contacts };
+    this.latest = robots.map(({ places, turns, steps, contacts, ghost }) => {
+      return { places: places.slice(), turns: turns.slice(), steps, contacts, ghost };
     });
     const { steps } = robots[0];
     this.clock += steps > first.steps ? steps - first.steps : steps;

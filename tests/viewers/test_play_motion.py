@@ -1,0 +1,138 @@
+"""The export of a policy that follows a motion does so in C MuJoCo as in mjlab."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+import yaml
+from motions import squat, write_squat
+from tiny import tiny
+
+from morlax_torch import load as load_policy
+from morlax_torch.commands import export, play
+from morlax_torch.envs.bridges.mjlab.worlds import build, load
+from morlax_torch.train import train
+from morlax_torch.viewers.explorer.session import Session, frame_bytes
+from morlax_torch.viewers.playing.episodes import run
+from morlax_torch.viewers.playing.following import HOLD, robot_for
+from morlax_torch.viewers.playing.robot import open_export
+
+pytest.importorskip("mjlab", reason="needs the extra mjlab")
+pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+
+TASK, SECONDS = "mjlab:Mjlab-Tracking-Flat-Unitree-G1", 0.8
+
+
+@pytest.fixture(scope="module")
+def motion(tmp_path_factory) -> Path:
+    return write_squat(tmp_path_factory.mktemp("motion") / "squat.npz", SECONDS)
+
+
+@pytest.fixture(scope="module")
+def exported(motion, tmp_path_factory) -> dict[str, Path]:
+    """Return the folders of exports of runs that have hardly learned, by task."""
+    few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
+    few |= {"sampling.mode": "dense", "evaluation.tradeoffs": 8}
+    few |= {"task.motion_file": str(motion), "task.action_scale": 1.0}
+    folder, folders = tmp_path_factory.mktemp("exported"), {}
+    for task in (TASK, f"{TASK}-No-State-Estimation"):
+        name = task.partition(":")[2]
+        trained = train(tiny(task, backend=None, **few), output=folder / name / "run").folder
+        folders[task] = folder / name / "out"
+        export.command([str(trained), "--output", str(folders[task] / "family.onnx")])
+    return folders
+
+
+def undisturbed(task: str, motion: Path) -> Any:
+    """Return mjlab's environment of a robot that starts with the motion, turned and shifted."""
+
+    def config() -> Any:
+        cfg = load(task)
+        cfg.scene.num_envs, cfg.seed, cfg.events = 1, 0, {}
+        cfg.observations["actor"].enable_corruption = False
+        cfg.terminations = {"time_out": cfg.terminations["time_out"]}
+        command = cfg.commands["motion"]
+        command.motion_file, command.sampling_mode = str(motion), "start"
+        command.pose_range = {"x": (0.3, 0.3), "pitch": (0.1, 0.1), "yaw": (2.0, 2.0)}
+        command.velocity_range, command.joint_position_range = {}, (0.0, 0.0)
+        return cfg
+
+    env = build(task, config, torch.device("cpu"))
+    return env, env.reset()[0]
+
+
+@pytest.mark.parametrize("task", [TASK, f"{TASK}-No-State-Estimation"])
+def test_observations_and_errors_are_those_of_mjlab(exported, motion, task):
+    robot, (env, groups) = robot_for(open_export(exported[task])), undisturbed(task, motion)
+    command, state = env.command_manager.get_term("motion"), env.sim.data
+    rng, errors = np.random.default_rng(0), []
+    for _ in range(30):
+        assert robot.frame == command.time_steps.item()
+        robot.data.qpos[:], robot.data.qvel[:] = state.qpos[0].numpy(), state.qvel[0].numpy()
+        mujoco.mj_forward(robot.model, robot.data)
+        observation = robot.observe(np.zeros(3))
+        np.testing.assert_allclose(observation, groups["actor"][0].numpy(), rtol=0, atol=1e-4)
+        action, aims = rng.uniform(-1, 1, robot.action.shape), command.body_pos_relative_w
+        error = robot.step(action).error
+        groups, *_ = env.step(torch.tensor(action[None]).float())
+        errors.append((error, 1000 * (aims - command.robot_body_pos_w).norm(dim=-1).mean()))
+    np.testing.assert_allclose(*np.array(errors).T, rtol=1e-3)
+    assert np.ptp(errors) > 50  # mm
+
+
+def stiffened(folder: Path) -> None:
+    """Edit gains so that even a policy without skill stands."""
+    file = folder / "deploy.yaml"
+    settings = yaml.safe_load(file.read_text())
+    settings["stiffness"], settings["damping"] = [800.0] * 29, [20.0] * 29
+    file.write_text(yaml.safe_dump(settings, sort_keys=False))
+
+
+def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
+    folder = exported[f"{TASK}-No-State-Estimation"]
+    stiffened(folder)
+    deployment = open_export(folder)
+    robot, frames = robot_for(deployment), squat(SECONDS)
+    np.testing.assert_allclose(robot.data.qpos, frames[0], atol=1e-6)
+    assert not robot.data.qvel.any()
+    robot.step(np.zeros(29))
+    np.testing.assert_allclose(robot.ghost().qpos, frames[1], atol=1e-6)
+    (episode,) = run(deployment, None, 1, 100.0)
+    assert episode.falls == 0 and 20 < episode.error < 200
+    assert episode.seconds == pytest.approx(SECONDS + HOLD, abs=0.03)
+    code = (
+        "import sys\n"
+        "from morlax_torch.__main__ import command\n"
+        f"command(['play', {str(folder)!r}, '--episodes', '1', '--push', '0'])\n"
+        "print('found', {'torch', 'warp', 'mjlab', 'mujoco_warp'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "found set()" in done.stdout and "error, mm" in done.stdout, done.stderr
+
+
+def test_a_ghost_on_the_page_is_at_the_phase_of_the_robot(exported):
+    session = Session(load_policy(str(exported[TASK].parent / "run"), "cpu"), None)
+    model, data = session.model, mujoco.MjData(session.model)
+    for frame in squat(SECONDS)[:12]:  # more than an episode of the training
+        data.qpos[:] = frame
+        mujoco.mj_kinematics(model, data)
+        numbers = np.frombuffer((frame_bytes([session]) or b"")[4:], np.float32)
+        ghost = numbers[-7 * model.nbody :]
+        np.testing.assert_allclose(ghost, [*data.xpos.flat, *data.xquat.flat], atol=1e-5)
+        session.step()
+
+
+def test_a_motion_that_is_missing_or_another_robot_s_is_one_sentence(exported, refused):
+    file = exported[TASK] / "motion.npz"
+    content = dict(np.load(file))
+    np.savez(file, **content | {"joint_pos": content["joint_pos"][:, 1:]})
+    assert "joint_pos of " in refused(play, exported[TASK])
+    file.write_bytes(b"no motion")
+    assert "cannot load the motion" in refused(play, exported[TASK])
+    file.unlink()
+    assert "motion.npz" in refused(play, exported[TASK])
