@@ -30,7 +30,8 @@ def prepared(path: Path, changed: int, fps: float, rate: float, robot: Any) -> t
         return path, len(qpos)
     qpos = resampled(qpos, fps, rate, model)
     file = Path(tempfile.mkdtemp(dir=_folder().name), f"{path.stem}.npz")
-    np.savez(file, fps=[rate], **arrays(qpos, rate, model))
+    named: dict[str, Any] = {"fps": [rate], **arrays(qpos, rate, model)}
+    np.savez(file, **named)
     return file, len(qpos)
 
 

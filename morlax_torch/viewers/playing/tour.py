@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ...envs import MorlaxError
 from ...envs.bridges.mjlab import tour_rules as rules
@@ -146,7 +147,7 @@ class Walker(Robot):
         return (np.concatenate(rows) - data.xpos[self._torso]) @ torso
 
 
-def plan(rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def plan(rng: np.random.Generator) -> tuple[Array, NDArray[np.int64], Array]:
     """Draw waypoints (P, 3) in m, m, rad, joints (P,) that are hit, and forces (P, 3) in N."""
     radius, bearing = RADIUS * np.sqrt(rng.random(POINTS)), rng.uniform(0, math.tau, POINTS)
     places = CENTER + radius[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], 1)
@@ -158,7 +159,7 @@ def plan(rng: np.random.Generator) -> tuple[Array, Array, Array]:
     return points, rng.integers(JOINTS, size=POINTS), forces
 
 
-def command(error: Array, reached: Array, limits: Array) -> Array:
+def command(error: Array, reached: NDArray[np.bool_], limits: Array) -> Array:
     """Return the command (3,) within limits (3, 2) for an error (3,) in m ahead, m left, rad.
 
     It updates whether the position and the heading are `reached` (2,).
@@ -197,7 +198,8 @@ def tour(deployment: Export, policy: Policy, run_id: int, seconds: float = WALK)
         force = forces[index] if begin <= since < end else np.zeros(3)
         rows.append(robot.walk(action, next(arms), joints[index], force))
     position, yaw = np.mean([*errors[segment - 1 : -1 : segment], errors[-1]], 0).tolist()
-    energy, vibration = costs(*np.array(rows).swapaxes(0, 1), robot.dt)
+    torques, speeds = np.array(rows).swapaxes(0, 1)
+    energy, vibration = costs(torques, speeds, robot.dt)
     return Run(len(rows) * robot.dt, not fallen, position, yaw, energy, vibration)
 
 
