@@ -112,9 +112,10 @@ def _over_time(options: Choose, least: dict[str, float], most: dict[str, float])
         from ..tuning.schedules import Scheduler
 
         policy = loading.load(options.run, options.device, trust=options.trust, env=options.env)
+        front = loading.load_front(options.run)
         search = options.knots, options.slew, options.margin, options.seeds, options.seed
         scheduler = Scheduler(policy, least, options.maximize, most, *search)
-        schedule, best = scheduler.search(loading.load_front(options.run))
+        schedule, best = scheduler.search(front)
         folder = loading.own_folder(options.run) or Path()
         file = options.output or folder / "tradeoff_over_time.yaml"
         schedule.save(file, policy.objectives)

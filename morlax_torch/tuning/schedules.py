@@ -40,7 +40,7 @@ class Scheduler:
 
     Args:
         least, most: required values by name.
-        knots: number of knots, or more if many windows begin and end.
+        knots: number of knots; more if the windows need more.
         slew: largest change of a weight per second.
         margin, seeds: as for `choose`.
     """
@@ -92,18 +92,13 @@ class Scheduler:
         self._span = self.required.span(known.values)
         self.required = self.required.with_margin(self._margin, self._span)
         ranked = self._ranked(known)
-        constant = self._refined("constant", ranked.weights[:, :1])
-        constant = self._ranked(Simulated.joined([constant, ranked]))
+        constant = self._ranked(self._refined("constant", ranked.weights[:, :1]))
         moving = self._ranked(self._refined("over time", constant.weights))
-        half = FINALISTS // 2
-        best = {
-            "over time": moving.rows(slice(half)),
-            "constant": constant.rows(slice(half)),
-            "of the front": ranked.rows(slice(half)),
-        }
+        best = {"over time": moving, "constant": constant, "of the front": ranked}
         if self._random:
             self._open(FINALISTS, self._evaluator.env.num_worlds // FINALISTS, self._seed + 1)
-            best = {name: self._ranked(self._simulate(x.weights)) for name, x in best.items()}
+            for name, each in best.items():
+                best[name] = self._ranked(self._simulate(each.weights[:FINALISTS]))
         best = {name: each.rows(slice(1)) for name, each in best.items()}
         weights, (values,), _ = best["over time"]
         if not self.required.kept(values[None])[0]:
