@@ -45,11 +45,17 @@ class Record(OfRun):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Record, arguments)
     with cli.Live():
+        from ..configuration.schedules import Schedule
         from ..runs import loading  # imports torch
         from ..viewers.filming.recording import record
 
         run, objectives = options.run, loading.objectives_of(options.run)
-        tradeoffs = [loading.followed(text, run, objectives) for text in options.tradeoff]
+        tradeoffs = [
+            Schedule.load(text, objectives)
+            if text.endswith(".yaml")
+            else loading.tradeoff_of(text, run, objectives)
+            for text in options.tradeoff
+        ]
         policy = loading.load(run, trust=options.trust, env=options.env)
         folder = loading.own_folder(run)
         usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")

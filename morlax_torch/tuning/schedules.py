@@ -34,15 +34,9 @@ class Simulated(NamedTuple):
 
 
 class Scheduler:
-    """Finds trade-offs over time by NSGA-II, in simulation.
+    """Finds trade-offs over time by NSGA-II, in simulation; `Choose` describes the arguments.
 
     Values are named as for `Chooser`; "run @ 3-5" is that of seconds 3 to 5 of an episode.
-
-    Args:
-        least, most: required values by name.
-        knots: number of knots; more if the windows need more.
-        slew: largest change of a weight per second.
-        margin, seeds: as for `choose`.
     """
 
     def __init__(
@@ -79,10 +73,9 @@ class Scheduler:
             self._times = np.insert(self._times, gap + 1, self._times[gap : gap + 2].mean())
 
     def search(self, front: Front) -> tuple[Schedule, dict[str, Simulated]]:
-        """Return the best trade-off over time, and it, the best constant and the best of the front.
+        """Return the best trade-off over time, or raise MorlaxError if none keeps the requirements.
 
-        Raises:
-            MorlaxError: no trade-off over time keeps the requirements.
+        Beside it, return what it, the best constant one and the best of the front reach.
         """
         points = rounded(front.tradeoffs[front.non_dominated])[:, None]
         weights = points.repeat(len(self._times), 1)
