@@ -16,10 +16,9 @@ PUSH = 1.5  # m/s added to the robot's velocity by a push
 class Player:
     """One world of the policy's task on C MuJoCo, driven by the deterministic policy.
 
-    Set `tradeoff`, also to a schedule, and `command` (C,), numbers for the task's `command_limits`,
-    between steps. `data` holds the current state for a renderer, and the motor forces; write to
-    `env.physics` to move the robot. `returns` (m,) and `steps` count from the last reset; reset if
-    it is `over`.
+    Set `tradeoff` and `command` (C,), numbers for the task's `command_limits`, between steps.
+    `data` holds the current state for a renderer, and the motor forces; write to `env.physics` to
+    move the robot. `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float] | Schedule, seed: int = 0):
@@ -32,7 +31,7 @@ class Player:
 
     @property
     def tradeoff(self) -> torch.Tensor:
-        """(m,), not negative; it need not sum to one."""
+        """(m,), not negative; it need not sum to one. A schedule sets it at every time."""
         return self._tradeoff
 
     @tradeoff.setter
