@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from pydantic import Field, PositiveFloat
+
 from ..envs import MorlaxError
 from ..host.files import write_file
 from .terminal import cli
@@ -39,6 +41,16 @@ class Choose(OfRun, Limits):
     card: Annotated[Path | None, arg(metavar="FILE.html")] = None
     """Write a decision card: the requirement, the choice, its returns under pushes and with other
     friction, masses and motors, a film strip, and commands."""
+    over_time: bool = False
+    """Find a trade-off that changes within an episode, and write it for record --tradeoff. A
+    requirement may hold for a window of time: "run=500 @ 3-5" for seconds 3 to 5."""
+    knots: int = Field(default=8, ge=2)
+    """Points in time of a trade-off over time, linear in between; more if its windows need more."""
+    slew: PositiveFloat = 2.0
+    """Largest change of a weight over time, per second."""
+    output: Annotated[Path | None, arg(metavar="FILE.yaml")] = None
+    """File of a trade-off over time (None: tradeoff_over_time.yaml in the run's folder, or here for
+    a shipped policy)."""
     device: Device = None
 
 
@@ -47,6 +59,11 @@ def command(arguments: Sequence[str]) -> None:
     least, most = options.limits(options.constrain)
     if options.card is not None and options.card.suffix != ".html":
         raise MorlaxError(f"the decision card {options.card} must end in .html.")
+    if options.over_time:
+        _over_time(options, least, most)
+        return
+    if any("@" in name for name in (*least, *most, options.maximize)):
+        raise MorlaxError("a requirement for a window of time, such as @ 3-5, needs --over-time.")
     with cli.Live():
         from ..envs.making import has_robot
         from ..evaluation.requirements import shown
@@ -84,6 +101,39 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(f"written: {options.card}", soft_wrap=True)
     for purpose, typed in commands.items():
         cli.print_command(purpose, typed)
+
+
+def _over_time(options: Choose, least: dict[str, float], most: dict[str, float]) -> None:
+    """Find, print and write a trade-off over time."""
+    if options.card or options.bookmark:
+        raise MorlaxError("--card and --bookmark keep one trade-off: leave --over-time out.")
+    with cli.Live():
+        from ..runs import loading
+        from ..tuning.schedules import Scheduler
+
+        policy = loading.load(options.run, options.device, trust=options.trust, env=options.env)
+        front = loading.load_front(options.run)
+        search = options.knots, options.slew, options.margin, options.seeds, options.seed
+        scheduler = Scheduler(policy, least, options.maximize, most, *search)
+        schedule, best = scheduler.search(front)
+        folder = loading.own_folder(options.run) or Path()
+        file = options.output or folder / "tradeoff_over_time.yaml"
+        schedule.save(file, policy.objectives)
+    from rich.table import Column, Table
+
+    required = scheduler.required
+    heads = (Column(head, justify="right") for head in ("required", *best))
+    table = Table("value", *heads, box=None)
+    for index in required.used:
+        levels = [limit.shown(".5g") for limit in required.limits if limit.index == index]
+        values = (f"{found.values[0, index]:.5g}" for found in best.values())
+        table.add_row(required.names[index], " and ".join(levels), *values)
+    table.add_row("falls", "", *(f"{found.falls[0]:.0%}" for found in best.values()))
+    kept = ("yes" if required.kept(found.values)[0] else "no" for found in best.values())
+    table.add_row("keeps the requirements", "", *kept)
+    cli.console.print(table)
+    cli.console.print(f"written: {file}", soft_wrap=True)
+    cli.print_command("to see the robot", options.use("record", "--tradeoff", str(file)))
 
 
 def _show(choice: "Choice") -> None:

@@ -15,8 +15,9 @@ class Record(OfRun):
     """
 
     tradeoff: Annotated[Texts, arg(metavar="0.8,0.2")] = ()
-    """Weight of each objective, or @NAME of a bookmark, once per panel; weights need not sum to one
-    (None: each objective alone, and the balanced trade-off)."""
+    """Weight of each objective, @NAME of a bookmark, or FILE.yaml of a trade-off over time, once
+    per panel; weights need not sum to one (None: each objective alone, and the balanced
+    trade-off)."""
     body: Annotated[Texts, arg(metavar="thigh=0.4,calf=0.3")] = ()
     """Design parameters of a body, once per body, of a run that was trained with many; each is
     shown under every trade-off (None: the run's own body, or with bodies, the balanced
@@ -44,11 +45,17 @@ class Record(OfRun):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Record, arguments)
     with cli.Live():
+        from ..configuration.schedules import Schedule
         from ..runs import loading  # imports torch
         from ..viewers.filming.recording import record
 
         run, objectives = options.run, loading.objectives_of(options.run)
-        tradeoffs = [loading.tradeoff_of(text, run, objectives) for text in options.tradeoff]
+        tradeoffs = [
+            Schedule.load(text, objectives)
+            if text.endswith(".yaml")
+            else loading.tradeoff_of(text, run, objectives)
+            for text in options.tradeoff
+        ]
         policy = loading.load(run, trust=options.trust, env=options.env)
         folder = loading.own_folder(run)
         usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")

@@ -1,5 +1,7 @@
 """Evaluate a family of policies: one episode for each of a fixed set of trade-offs."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -27,6 +29,11 @@ STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to rec
 def share(tradeoffs: Tensor, episodes: int, group: Group) -> Tensor:
     """Return the trade-off of each world (N, m) of this process."""
     return tradeoffs.repeat(episodes, 1)[group.rank :: group.size]
+
+
+def stride_of(horizon: int) -> int:
+    """Return the control steps between two changes of a trade-off over time."""
+    return next(number for number in range(STEPS_PER_GRAPH, 0, -1) if horizon % number == 0)
 
 
 class Evaluator:
@@ -92,8 +99,7 @@ class Evaluator:
         # a recorded graph reads parameters at fixed addresses
         parameters = {name: value.clone() for name, value in actors.parameters.items()}
         self._actors = actors._replace(parameters=parameters)
-        possible = range(STEPS_PER_GRAPH, 0, -1)
-        self._stride = next(number for number in possible if self._horizon % number == 0)
+        self._stride = stride_of(self._horizon)
         self._steps = Graph(self._some_steps, env.device, [env.generator], self._one_step)
 
     def compile(self) -> None:
@@ -120,13 +126,56 @@ class Evaluator:
         """Return the front of the first set of episodes."""
         return self.evaluate_sets()[0]
 
-    @torch.no_grad()
     def evaluate_sets(self) -> list[Front]:
         """Evaluate the agent as it is now, and return the front of each set of episodes."""
+        self._generate()
+        self._run()
+        return self._fronts()
+
+    @property
+    def period(self) -> float:
+        """Seconds between two changes of a trade-off over time."""
+        return self._stride * self.env.dt
+
+    def follow(
+        self, tradeoffs: Callable[[float], np.ndarray], windows: Sequence[tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate K trade-offs (K, m) that change with the seconds of an episode.
+
+        Returns the values (W, K, m + q) of each window of time, whose start and end are rounded to
+        a period, and the share of episodes that failed (K,). A quantity that was not measured in a
+        window is NaN.
+        """
+        sums: list[Tensor] = []
+
+        def change(step: int) -> None:
+            sums.append(self._results.clone())
+            self.retarget(torch.from_numpy(tradeoffs(step * self.env.dt)).float())
+            self._generate()
+
+        self._run(change)
+        rows = torch.stack([*sums, self._results]).double().cpu().numpy()
+        rows = rows.reshape(len(rows), self._seeds, self.number, -1)
+        last = len(rows) - 1  # evaluations stop once every episode has ended
+        (front,) = self._fronts()
+        assert front.falls is not None
+        values = []
+        for window in windows:
+            start, end = (min(round(seconds / self.period), last) for seconds in window)
+            values.append(self._values(rows[end] - rows[start]))
+        return np.stack(values), front.falls
+
+    @torch.no_grad()
+    def _generate(self) -> None:
+        """Generate the networks of the trade-offs."""
         size = 1 if self._alone else len(self.tradeoffs)
         for first in range(0, len(self.tradeoffs), size):
             part = slice(first, first + size)
             self._actors.copy_(self.agent.actors(self.tradeoffs[part]), part)
+
+    @torch.no_grad()
+    def _run(self, before: Callable[[int], None] = lambda step: None) -> None:
+        """Run the episodes; `before` some steps, whose first is given, it may change networks."""
         generator = self.env.generator
         state = generator.get_state()  # which training worlds of another library may share
         self.env.reseed(self._seed)
@@ -143,11 +192,11 @@ class Evaluator:
         with one_thread(self.env.device):
             for step in range(0, self._horizon, self._stride):
                 phase(f"evaluating {self.number} {noun}", step / self._horizon)
+                before(step)
                 self._steps()
                 if may_end and not self._alive.any():
                     break
         generator.set_state(state)
-        return self._fronts()
 
     def _fronts(self) -> list[Front]:
         """Copy the results to the CPU, all at once because each copy waits for the GPU."""
@@ -178,10 +227,21 @@ class Evaluator:
         )
         if not self.env.quantities:
             return front
-        *sums, steps = episodes[..., m:-4].sum(0).T
-        measured = (np.stack(sums) / steps.clip(1)).T
-        quantities = self.env.quantify(measured, falls / lengths.clip(1))
+        quantities = self._quantities(episodes[..., :-1])
         return front._replace(quantities=quantities, quantity_names=self.env.quantities)
+
+    def _values(self, sums: np.ndarray) -> np.ndarray:
+        """Return values (K, m + q) of sums (seeds, K, columns) over a window of time."""
+        returns = sums[..., : len(self.env.objectives)].mean(0)
+        if not self.env.quantities:
+            return returns
+        measured = sums[..., -4].sum(0)[:, None] > 0
+        return np.hstack([returns, np.where(measured, self._quantities(sums), np.nan)])
+
+    def _quantities(self, sums: np.ndarray) -> np.ndarray:
+        *measured, steps = sums[..., len(self.env.objectives) : -3].sum(0).T
+        lengths, falls, _ = sums[..., -3:].mean(0).T
+        return self.env.quantify((np.stack(measured) / steps.clip(1)).T, falls / lengths.clip(1))
 
     def _some_steps(self) -> None:
         for _ in range(self._stride):

@@ -124,17 +124,19 @@ class Requirements(NamedTuple):
         tradeoffs, values = tradeoffs[finite], values[finite]
         excess = self.excess(values)
         nearest = int((excess / span[self.limited]).min(1).argmax())
-        misses = [
-            f"{self.names[limit.index]} {values[nearest, limit.index]:.5g} instead of "
-            f"{limit.shown()}, "
-            + (f"{limit.bound:.5g} with its margin, " if limit.bound != limit.level else "")
-            + f"{-distance:.3g} {'less' if limit.sign > 0 else 'more'}"
-            for limit, distance in zip(self.limits, excess[nearest], strict=True)
-            if distance < 0
-        ]
         raise MorlaxError(
             f"no {source} policy keeps every requirement: the nearest, with the trade-off "
-            f"{shown(tradeoffs[nearest])}, has {' and '.join(misses)}."
+            f"{shown(tradeoffs[nearest])}, has {self.misses(values[nearest])}."
+        )
+
+    def misses(self, values: np.ndarray) -> str:
+        """Say which bounds values (m + q,) do not keep, and by how much."""
+        return " and ".join(
+            f"{self.names[limit.index]} {values[limit.index]:.5g} instead of {limit.shown()}, "
+            + (f"{limit.bound:.5g} with its margin, " if limit.bound != limit.level else "")
+            + f"{-distance:.3g} {'less' if limit.sign > 0 else 'more'}"
+            for limit, distance in zip(self.limits, self.excess(values), strict=True)
+            if distance < 0
         )
 
 

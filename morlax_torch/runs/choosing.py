@@ -109,9 +109,7 @@ class Chooser:
             self._names = front.objectives, front.quantity_names
             self._remember(front.tradeoffs, front)
         elif policy is not None:
-            if seeds is None:
-                seeds = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if self._random else 1
-            self._evaluator = _evaluator(policy, BATCH, seeds, seed)
+            self._evaluator = simulator(policy, BATCH, seeds, seed)
             self._evaluator.compile()
             self._names = policy.objectives, self._evaluator.env.quantities
 
@@ -354,7 +352,7 @@ def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str
         episodes = EPISODES if options.varies else 1
         try:
             changed = Policy(policy.agent, config, policy.objectives)
-            evaluator = _evaluator(changed, 1, episodes, seed)
+            evaluator = simulator(changed, 1, episodes, seed)
             evaluator.retarget(torch.tensor([tradeoff], dtype=torch.float32))
             front = evaluator.evaluate()
         except MorlaxError:  # worlds of this task cannot differ in this
@@ -371,10 +369,16 @@ def _lacks_gpu(policy: Policy) -> bool:
     return on_cpu and get(policy.config.env).needs_gpu
 
 
-def _evaluator(policy: Policy, tradeoffs: int, seeds: int, seed: int) -> Evaluator:
+def simulator(
+    policy: Policy, tradeoffs: int, seeds: int | None, seed: int, alone: bool = True
+) -> Evaluator:
+    """Make an evaluator of so many trade-offs, to `retarget`; see `choose`."""
+    if seeds is None:
+        varies = policy.config.task.for_evaluation().varies
+        seeds = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if varies else 1
     device = str(policy.agent.observation_normalizer.mean.device)
     config = policy.config.model_copy(update={"device": device, "backend": None})
     env = evaluation_worlds(config, tradeoffs, seeds, seed)
     points = torch.ones(tradeoffs, len(policy.objectives), dtype=torch.float32)  # others follow
     protocol = config.evaluation.protocol
-    return Evaluator(policy.agent, env, points, protocol, seed, seeds, alone=True)
+    return Evaluator(policy.agent, env, points, protocol, seed, seeds, alone=alone)

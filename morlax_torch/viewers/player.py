@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import mujoco
 import torch
 
+from ..configuration.schedules import Schedule
 from ..envs import TimeStep
+from ..evaluation.evaluator import stride_of
 from ..networks.policy import Policy
 
 PUSH = 1.5  # m/s added to the robot's velocity by a push
@@ -20,7 +22,7 @@ class Player:
     `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
     """
 
-    def __init__(self, policy: Policy, tradeoff: Sequence[float], seed: int = 0):
+    def __init__(self, policy: Policy, tradeoff: Sequence[float] | Schedule, seed: int = 0):
         self.policy, self.env = policy, policy.make_robot(seed)
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
@@ -31,11 +33,15 @@ class Player:
 
     @property
     def tradeoff(self) -> torch.Tensor:
-        """(m,), not negative; it need not sum to one."""
+        """(m,), not negative; it need not sum to one. A schedule sets it at every time."""
         return self._tradeoff
 
     @tradeoff.setter
-    def tradeoff(self, tradeoff: Sequence[float]) -> None:
+    def tradeoff(self, tradeoff: Sequence[float] | Schedule) -> None:
+        self._schedule = tradeoff if isinstance(tradeoff, Schedule) else None
+        self._use(tradeoff.at(0.0).tolist() if isinstance(tradeoff, Schedule) else tradeoff)
+
+    def _use(self, tradeoff: Sequence[float]) -> None:
         self._network = self.policy.specialize(tradeoff)
         self._tradeoff = torch.as_tensor(tradeoff, dtype=torch.float32)
 
@@ -49,6 +55,8 @@ class Player:
         """Take one control step of `env.dt` seconds."""
         if self.command:
             self.env.command[0] = torch.tensor(self.command, dtype=torch.float32)
+        if self._schedule is not None and self.steps % stride_of(self.env.episode_length) == 0:
+            self._use(self._schedule.at(self.steps * self.env.dt).tolist())
         step = self.env.step(self._network(self.observation))
         self.observation = step.observation
         self.returns += step.reward[0]

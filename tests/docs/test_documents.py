@@ -223,6 +223,8 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "morlax_torch.rsl_rl:ParetoPPO": "test_pareto_mjlab.py does",
     "morlax explore logs/rsl_rl": "needs mjlab; test_pareto_mjlab.py loads such a folder",
     "python -m pytest": "starts the tests",
+    "--over-time": "takes a minute; test_over_time.py searches with less",
+    "tradeoff_over_time.yaml": "needs the result of a search; test_over_time.py films one",
     "morlax design": "needs a run with designs; test_designs.py searches one",
     "--body thigh": "needs a run with designs; test_designs.py films one",
     "morlax explore": "a server; .ci/smoke.py starts it",

@@ -89,7 +89,7 @@ class Limits(Section):
     def limits(self, more: Sequence[str] = ()) -> tuple[dict[str, float], dict[str, float]]:
         """Return the least and the largest values by name, the strictest of each.
 
-        `more` are requirements such as "run >= 2000".
+        `more` are requirements such as "run >= 2000". "run=500 @ 3-5" is named "run @ 3-5".
         """
         least, most = {}, {}
         rows = numbers(self.at_least, "--at-least run=2000")
@@ -108,13 +108,14 @@ def numbers(texts: Sequence[str], example: str, sign: str = "=") -> list[tuple[s
     rows = []
     for text in texts:
         name, _, level = (part.strip() for part in text.partition(sign))
+        level, at, window = (part.strip() for part in level.partition("@"))
         try:
             number = float(level) if name else math.nan
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
             raise MorlaxError(f"{text!r} names no number: write for example {example}.")
-        rows.append((name, number))
+        rows.append((f"{name} @ {window}" if at else name, number))
     return rows
 
 

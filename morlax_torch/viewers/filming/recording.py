@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
+from ...configuration.schedules import Schedule
 from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs import MorlaxError
 from ...envs.errors import installation
@@ -60,7 +61,7 @@ class Film:
     def __init__(
         self,
         policy: Policy,
-        tradeoffs: Iterable[Sequence[float]],
+        tradeoffs: Iterable[Sequence[float] | Schedule],
         width: int = 480,
         height: int = 360,
         seed: int = 0,
@@ -272,7 +273,7 @@ class Sweep(Film):
 def record(
     policy: Policy,
     output: Path,
-    tradeoffs: Sequence[Sequence[float]] = (),
+    tradeoffs: Sequence[Sequence[float] | Schedule] = (),
     seconds: float = 5.0,
     speed: float = 1.0,
     width: int = 480,
