@@ -21,7 +21,7 @@ from ..host.phases import phase
 from ..networks.policy import Policy
 from ..runs.loading import save
 from ..runs.references import copy_files
-from .study import FloatDistribution, State, optuna
+from .study import FloatDistribution, TrialState, optuna
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together
 
@@ -118,7 +118,7 @@ class Designer:
                 if np.isfinite(returns).all():
                     study.tell(trial, returns.tolist())
                 else:
-                    study.tell(trial, state=State.FAIL)
+                    study.tell(trial, state=TrialState.FAIL)
             simulated = simulated.joined(new)
         return simulated
 
