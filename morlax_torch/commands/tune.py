@@ -61,11 +61,14 @@ def command(arguments: Sequence[str]) -> None:
     end = time.monotonic() + 60 * (options.minutes or math.inf)
 
     def show(study: Any, trial: Any) -> None:
-        changes = [x for x in trial.params.items() if x[1] != search.base_draw[x[0]]]
-        words = [f"{name.rpartition('.')[2]}={value}" for name, value in changes]
-        text = trial.user_attrs.get("reason") or " ".join(words) or "the base config"
-        value = math.nan if trial.value is None else trial.value
-        console.print(f"{trial.number:5d}  {trial.state.name.lower():8}  {value:11.4e}  {text}")
+        changes = [
+            f"{name.rpartition('.')[2]}={f'{value:.3g}' if isinstance(value, float) else value}"
+            for name, value in trial.params.items()
+            if value != search.base_draw[name]
+        ]
+        text = trial.user_attrs.get("reason") or " ".join(changes) or "the base config"
+        state, value = trial.state.name.lower(), trial.value or 0.0
+        console.print(f"{trial.number:5d}  {state:8}  {value:11.4e}  {text}")
 
     console.print(f"{options.trials} trials, {len(search.finished())} of them done: {folder}")
     console.print("trial  state     hypervolume  changed options")

@@ -49,7 +49,7 @@ class Search:
     def __init__(self, config: Config, space: Mapping[str, Any], output: AnyPath, seconds: float):
         limits = {"max_seconds": seconds, "max_env_steps": None, "evaluation": {"every": None}}
         self.base = load_config(merged(config.model_dump(mode="json"), limits))
-        options = flat(self.base.model_dump(mode="json", exclude={"device"}))
+        options = flat(self.base.model_dump(mode="json", exclude={"device", "max_seconds"}))
         space = distributions(space, self.base)
         self.space, self.seconds, self.folder = space, seconds, Path(output)
         self.base_draw = {x: getattr(each, "choices", [options[x]])[0] for x, each in space.items()}
@@ -61,7 +61,7 @@ class Search:
             self.study.set_user_attr("plan", plan)
         elif others := [x for x in {**stored, **plan} if stored.get(x) != plan.get(x)]:
             raise MorlaxError(
-                f"the study in {output} has another --{others[-1]}: keep it, or change --output."
+                f"the study in {output} has another --{others[0]}: keep it, or change --output."
             )
 
     def finished(self) -> list[FrozenTrial]:
@@ -132,8 +132,7 @@ class Search:
                 raise InterruptedError
             reached.append(hypervolume)
             trial.set_user_attr("seeds", len(reached))
-            best = self.ranked()[:1]
-            if best and (best[0].value or 0.0) >= fmean(reached) and not base:
+            if not base and self.ranked() and (self.ranked()[0].value or 0.0) >= fmean(reached):
                 break
         return fmean(reached)
 

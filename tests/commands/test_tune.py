@@ -263,10 +263,14 @@ def test_a_trial_is_the_best_only_with_other_seeds_too(tmp_path, scripted):
 def test_trials_change_few_options_of_the_best_trial(tmp_path, scripted):
     random.seed(0)
     search = search_at(tmp_path, **space_values(None, "cpu"))
-    options = [trial.params for trial in scripted(search, [1.0], [2.0], *[[0.5]] * 10)]
-    for earlier, later in ((0, 1), *((1, number) for number in range(2, len(options)))):
-        differing = [name for name in options[0] if options[earlier][name] != options[later][name]]
-        assert 1 <= len(differing) <= 9
+    base, best, *later = (x.params for x in scripted(search, [1.0], [2.0], *[[0.5]] * 10))
+
+    def differing(trial: dict[str, Any], other: dict[str, Any]) -> int:
+        return sum(trial[name] != other[name] for name in search.space)
+
+    changes = [differing(trial, best) for trial in later]
+    assert 1 <= differing(best, base) <= 9 and 1 <= min(changes) <= max(changes) <= 9
+    assert sum(changes) < sum(differing(trial, base) for trial in later)
 
 
 @pytest.mark.parametrize(
@@ -351,8 +355,10 @@ def test_a_journal_that_cannot_be_used_is_one_sentence(damage, tmp_path, scripte
 
 def test_a_study_keeps_what_its_trials_share(tmp_path):
     search = search_at(tmp_path)
-    for changes, option in (({"ppo.epochs": [2, 3]}, "space"), ({"seconds": 8.0}, "seconds")):
-        with pytest.raises(MorlaxError, match=f"has another --{option}"):
+    others = {"space": {"ppo.epochs": [2, 3]}, "seconds": {"seconds": 8.0}}
+    others["env"] = {"base": config_for("ant", device="cpu")}
+    for option, changes in others.items():
+        with pytest.raises(MorlaxError, match=f"has another --{option}:"):
             search_at(tmp_path, **changes)
     plan = search.study.user_attrs["plan"]
     assert plan.pop("start_from") is None  # a study from before an option existed goes on
