@@ -10,7 +10,7 @@ from pydantic import PositiveFloat
 
 from ..configuration.config import Config
 from ..configuration.files import space_values
-from ..envs import MorlaxError, resolve_device
+from ..envs import MorlaxError
 from ..envs.naming import title
 from ..envs.worlds.options import Count
 from ..host.torchrun import SEVERAL
@@ -55,7 +55,7 @@ def command(arguments: Sequence[str]) -> None:
     config, options = read(arguments)
     from ..tuning.study import Search  # imports torch
 
-    space = space_values(options.space, resolve_device(config.device).type)
+    space = space_values(options.space, str(config.device).partition(":")[0])
     folder = options.output or Path("tuning") / title(config.env)
     search = Search(config, space, folder, options.seconds)
     end = time.monotonic() + 60 * (options.minutes or math.inf)
