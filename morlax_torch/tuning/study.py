@@ -140,8 +140,8 @@ class Search:
         """Write trials.csv and, once a trial is complete, best.yaml."""
         rows = [("number", "state", "hypervolume", "seeds", *self.space, "reason")]
         for trial in self.finished():
-            row = {"number": trial.number, "state": trial.state.name.lower()}
-            row |= {"hypervolume": trial.value} | trial.user_attrs | trial.params
+            row = trial.user_attrs | trial.params | {"number": trial.number}
+            row |= {"state": trial.state.name.lower(), "hypervolume": trial.value}
             rows.append(tuple(row.get(name, "") for name in rows[0]))
         write_rows(self.folder / "trials.csv", rows)
         for best in self.ranked()[:1]:
@@ -174,7 +174,7 @@ def distributions(values: Mapping[str, Any], base: Config) -> dict[str, Any]:
     if not values:
         raise MorlaxError("the search space is empty: name options, such as ppo.epochs: [3, 4].")
     found, options = {}, flat(base.model_dump(mode="json"))
-    for name, choices in values.items():
+    for name, choices in ((str(key), value) for key, value in values.items()):
         try:
             if name.partition(".")[0] in FIXED:
                 raise ValueError("all trials share it, so that they can be compared: leave it out")

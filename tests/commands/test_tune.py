@@ -300,6 +300,8 @@ BAD_SPACES = {
     "low above high": ("ppo.clip: {low: 3, high: 1}", "`low <= high` must hold"),
     "log of zero": ("ppo.entropy: {low: 0.0, high: 1, log: true}", "`low > 0` must hold"),
     "out of bounds": ("ppo.discount: {low: 0.9, high: 1.1}", "less than or equal to 1"),
+    "a number": ("3: [1]", "the search space: 3: "),
+    "no multiples": ("ppo.desired_kl: {times: [2]}", "ppo.desired_kl: "),
     "neither list nor range": ("ppo.epochs: 3", "use a list of values"),
     "range of an option that is off": ("ppo.desired_kl: {low: 0.01, high: 1}", "use a list"),
     **{
