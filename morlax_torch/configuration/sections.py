@@ -16,7 +16,6 @@ DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of Adam's moments, per step; keeps its s
 Width = Annotated[int, Field(ge=1, le=65536)]
 Layers = Annotated[tuple[Width, ...], Field(max_length=16)]
 Protocol = Literal["latched", "paper", "discounted"]  # of evaluations, see `Evaluator`
-Indicator = Literal["hypervolume", "expected_utility", "sparsity", "obedience", "cardinality"]
 
 
 class SamplingConfig(Section):

@@ -1,7 +1,7 @@
 """Search over bodies and trade-offs together, of a family of policies that knows many bodies."""
 
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import moocore
 import numpy as np
@@ -21,7 +21,7 @@ from ..host.phases import phase
 from ..networks.policy import Policy
 from ..runs.loading import save
 from ..runs.references import copy_files
-from .study import FloatDistribution, State, optuna
+from .study import FloatDistribution, TrialState, evolution, generation
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together
 
@@ -100,25 +100,21 @@ class Designer:
             for name, each in self.space.parameters.items()
         }
         ranges |= {f"weight of {x}": FloatDistribution(0, 1) for x in self.policy.objectives}
-        sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
-        directions: list[Any] = ["maximize"] * m
-        study = optuna.create_study(directions=directions, sampler=sampler)
         finite = np.flatnonzero(np.isfinite(start.returns).all(1))
         ranks = moocore.pareto_rank(start.returns[finite], maximise=True)
-        for row in finite[ranks.argsort(kind="stable")][:population]:
-            numbers = map(float, (*start.designs[row], *start.tradeoffs[row]))
-            study.enqueue_trial(dict(zip(ranges, numbers, strict=True)))
+        best = finite[ranks.argsort(kind="stable")]
+        starts = np.hstack([start.designs[best], start.tradeoffs[best]])
+        study = evolution(ranges, starts, m, population, seed)
         simulated = start.rows(np.zeros(0, dtype=int))
         for _ in range(rounds):
-            trials = [study.ask({**ranges}) for _ in range(population)]
-            drawn = np.array([[trial.params[name] for name in ranges] for trial in trials])
+            trials, drawn = generation(study, ranges, population)
             designs, weights = drawn[:, :-m], drawn[:, -m:].clip(min=1e-6)
             new = self.simulate(designs, weights / weights.sum(1, keepdims=True))
             for trial, returns in zip(trials, new.returns, strict=True):
                 if np.isfinite(returns).all():
                     study.tell(trial, returns.tolist())
                 else:
-                    study.tell(trial, state=State.FAIL)
+                    study.tell(trial, state=TrialState.FAIL)
             simulated = simulated.joined(new)
         return simulated
 

@@ -12,7 +12,7 @@ from ..evaluation.requirements import Requirements, index_of
 from ..host.phases import within
 from ..networks.policy import Policy
 from ..runs.choosing import RANDOM_MARGIN, rounded, simulator
-from .study import FloatDistribution, optuna
+from .study import FloatDistribution, evolution, generation
 
 POPULATION = 64  # trade-offs over time that are simulated together
 ROUNDS = {"constant": 4, "over time": 20}  # generations, after the policies of the front
@@ -165,16 +165,10 @@ class Scheduler:
         """Simulate generations of NSGA-II from weights (n, k, m); those of constant have k = 1."""
         _, k, m = starts.shape
         ranges = {f"weight {i}": FloatDistribution(0, 1) for i in range(k * m)}
-        sampler = optuna.samplers.NSGAIISampler(population_size=POPULATION, seed=self._seed)
-        study = optuna.create_study(direction="maximize", sampler=sampler)
-        for start in starts[:POPULATION]:
-            study.enqueue_trial(dict(zip(ranges, start.ravel().tolist(), strict=True)))
+        study = evolution(ranges, starts.reshape(len(starts), -1), 1, POPULATION, self._seed)
         generations = []
         for number in range(ROUNDS[kind]):
-            trials = [study.ask({**ranges}) for _ in range(POPULATION)]
-            for trial in trials:
-                _ = trial.relative_params  # else Optuna leaves queued trials out of the population
-            drawn = np.array([[trial.params[name] for name in ranges] for trial in trials])
+            trials, drawn = generation(study, ranges, POPULATION)
             weights = drawn.reshape(-1, k, m).repeat(len(self._times) // k, 1)
             with within(f"{kind}, round {number + 1} of {ROUNDS[kind]}"):
                 generations.append(self._simulate(self._limited(weights)))

@@ -1,23 +1,24 @@
 """Hyperparameter search: trials, their files, sharing, interruption, failures and bad spaces."""
 
 import csv
-import json
 import math
-import resource
+import random
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
 pytest.importorskip("optuna", reason="needs the extra tune")
+
+from optuna.trial import FrozenTrial
 
 from morlax_torch import MorlaxError, config_for
 from morlax_torch.commands import train as train_command
@@ -27,10 +28,10 @@ from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.files import space_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
-from morlax_torch.runs.progress import Evaluation
+from morlax_torch.runs.progress import Evaluation, Progress
 from morlax_torch.train import train
 from morlax_torch.tuning import study as study_module
-from morlax_torch.tuning.study import Indicator, Search, Trial, state_of
+from morlax_torch.tuning.study import Search, changed
 
 TINY = (
     *("--env", "hopper", "--device", "cpu", "--worlds", "32", "--horizon", "5"),
@@ -75,46 +76,62 @@ def rows(folder: Path = Path("tuning/hopper")) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def search_at(
-    path: Path, *indicators: Any, base: Config | None = None, seconds: float = 9.0, **space: Any
-) -> Search:
-    chosen = indicators or ("hypervolume",)
-    return Search(base or tiny(), space or VALUES, path, seconds=seconds, indicators=chosen)
+def search_at(path: Path, base: Config | None = None, seconds: float = 9.0, **space: Any) -> Search:
+    return Search(base or tiny(), space or VALUES, path, seconds)
 
 
-def measured(volume: float) -> dict[str, float]:
-    return {**dict.fromkeys(get_args(Indicator), 0.0), "hypervolume": volume}
+Reached = tuple[float, float, float]  # seconds, hypervolume, and the one that is chosen by
+Training = Callable[[Config], Sequence[Reached]]
 
 
 @pytest.fixture
-def scripted(monkeypatch) -> Callable[..., list[Trial]]:
+def trained(monkeypatch) -> Callable[[Training], None]:
+    """Return a function that replaces training by what another function says of a config."""
+
+    def replace(training: Training) -> None:
+        def yielded(config: Config) -> Iterator[Evaluation]:
+            progress = Progress()
+            for seconds, value, choosing in training(config):
+                reached = {"hypervolume": value}, {"hypervolume": choosing}
+                best = progress.improved(choosing, value)
+                yield Evaluation(1, 10, seconds, 9.0, 1, 0, None, *reached, best)
+
+        def session(config: Config, written: bool) -> SimpleNamespace:
+            return SimpleNamespace(training=lambda stopped, evaluate_at: yielded(config))
+
+        monkeypatch.setattr(study_module, "Session", SimpleNamespace(of=session))
+        monkeypatch.setattr(study_module, "release_memory", lambda: None)  # nothing is held
+
+    return replace
+
+
+@pytest.fixture
+def scripted(trained, monkeypatch) -> Callable[..., list[FrozenTrial]]:
     """Return a function that runs a training per curve, which it reaches at even times."""
 
-    def run(search: Search, *curves: Any, seeds: int = 1, trials: int = 0) -> list[Trial]:
+    def run(search: Search, *curves: Any, seeds: int = 1, trials: int = 0) -> list[FrozenTrial]:
         left = iter(curves)
 
-        def evaluations(config: Config, stopped: Any) -> Iterator[Evaluation]:
+        def training(config: Config) -> Sequence[Reached]:
             curve = next(left)
             if isinstance(curve, BaseException):
                 raise curve
             curve = curve(config) if callable(curve) else curve
-            for number, value in enumerate(curve, 1):
-                seconds = search.seconds * number / len(curve)
-                reached = {**measured(value), "expected_utility": -value}
-                yield Evaluation(number, number, seconds, 9.0, 1, 0, None, reached)
+            step = search.seconds / len(curve)
+            return [(step * number, value, value) for number, value in enumerate(curve, 1)]
 
-        monkeypatch.setattr(study_module, "evaluations", evaluations)
+        trained(training)
         monkeypatch.setattr(study_module, "SEEDS", seeds)
-        monkeypatch.setattr(study_module, "release_memory", lambda: None)  # nothing is held
-        done: list[Trial] = []
-        search.run(len(search.finished()) + (trials or len(curves)), on_trial=done.append)
+        done: list[FrozenTrial] = []
+        number = len(search.finished()) + (trials or len(curves))
+        search.run(number, bool, lambda study, trial: done.append(trial))
         return done
 
     return run
 
 
 def states(search: Search) -> list[str]:
-    return [state_of(trial) for trial in search.finished()]
+    return [trial.state.name.lower() for trial in search.finished()]
 
 
 @pytest.mark.slow
@@ -124,8 +141,8 @@ def test_a_search_writes_trials_and_a_config_that_trains(workplace, monkeypatch,
     assert max(len(line) for line in lines if not line.startswith("next: ")) <= 80
     assert "3 of 3 trials done; the best:" in lines
     table = rows()
-    assert table[0]["base"] == "True" and table[0]["ppo.learning_rate"] == "0.0005"
-    assert all(float(row["hypervolume"]) > 0 and int(row["env_steps"]) > 0 for row in table)
+    assert table[0]["ppo.learning_rate"] == "0.0005" and table[0]["seeds"] == "3"
+    assert all(float(row["hypervolume"]) > 0 for row in table)
     complete = [row for row in table if row["state"] == "complete"]
     best = max(complete, key=lambda row: float(row["hypervolume"]))
     words = "--config tuning/hopper/best.yaml --device cpu --max-seconds 0.1 --output run"
@@ -140,34 +157,35 @@ def test_a_search_writes_trials_and_a_config_that_trains(workplace, monkeypatch,
     assert rows() == table
 
 
-def test_searches_share_the_trials_of_one_storage(tmp_path, scripted):
-    base, storage = tiny(), str(tmp_path / "shared.log")
-    for folder, curves in (("one", [[1.0], [2.0]]), ("other", [[3.0], [4.0]])):
-        search = Search(base, VALUES, tmp_path / folder, seconds=9.0, storage=storage)
+def test_searches_share_the_trials_of_one_folder(tmp_path, scripted):
+    for curves in ([[1.0], [2.0]], [[3.0], [4.0]]):
+        search = search_at(tmp_path)
         scripted(search, *curves)
     trials = search.finished()
-    assert [trial.user_attrs.get("base", False) for trial in trials] == [True, False, False, False]
-    assert len({tuple(trial.user_attrs["options"].values()) for trial in trials}) == 4
-    assert len(rows(tmp_path / "one")) == 2 and len(rows(tmp_path / "other")) == 4
+    assert [trial.params == search.base_draw for trial in trials] == [True, False, False, False]
+    assert len({tuple(trial.params.values()) for trial in trials}) == 4
+    assert [float(row["hypervolume"]) for row in rows(tmp_path)] == [1, 2, 3, 4]
 
 
 @pytest.mark.slow
-def test_workers_share_a_study_and_a_signal_ends_all_of_them(workplace):
-    command = typed("--trials", "500", "--workers", "2")
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def test_processes_share_a_study_and_a_signal_ends_each(workplace):
+    command, pipe = typed("--trials", "500"), subprocess.PIPE
+    processes = [subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) for _ in "12"]
     table = Path("tuning/hopper/trials.csv")
-    while process.poll() is None and (not table.exists() or len(table.read_text()) < 500):
+    while not table.exists() or len(table.read_text()) < 500:
+        assert all(process.poll() is None for process in processes)
         time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    told = process.communicate(timeout=100)[0]
-    assert process.returncode == 130, told
-    assert "Traceback" not in told and told.count("starting") == 0
-    assert told.count("continue: python -m morlax_torch tune --env hopper") == 1
-    assert "the base config" in told
-    assert told.count("of 500 trials done") == 1 and Path("tuning/hopper/best.yaml").exists()
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    for process in processes:
+        told, errors = process.communicate(timeout=100)
+        assert process.returncode == 130 and not errors, errors
+        assert told.count("continue: python -m morlax_torch tune --env hopper") == 1
+        assert told.count("of 500 trials done; the best:") == 1
+        assert "the base config" in told.split("the best:")[1] or "learning_rate=" in told
+    assert Path("tuning/hopper/best.yaml").exists()
     drawn = [(row["ppo.learning_rate"], row["ppo.epochs"]) for row in rows()]
     assert len(set(drawn)) == len(drawn)
-    assert [row["base"] for row in rows()].count("True") == 1
 
 
 def test_an_interrupted_trial_is_run_again(workplace, scripted):
@@ -177,21 +195,27 @@ def test_an_interrupted_trial_is_run_again(workplace, scripted):
         asked.append(1)
         return len(asked) > 3
 
-    search = Search(tiny(), VALUES, seconds=100.0)
+    search = search_at(workplace, seconds=100.0)
     search.run(3, stopped)
     assert search.finished() == []
     (first,) = scripted(search, [1.0])
-    assert first.user_attrs["base"] and first.number == 1
+    assert first.params == search.base_draw and first.number == 1
 
 
-@pytest.mark.parametrize("storage", [None, "sqlite:///study.db"])
-def test_a_trial_that_fails_does_not_end_the_study(workplace, scripted, storage):
-    search = Search(tiny(), VALUES, "results", seconds=9.0, storage=storage)
+def test_a_trial_that_fails_does_not_end_the_study(tmp_path, scripted):
+    search = search_at(tmp_path)
     scripted(search, MorlaxError("the loss became nan."), MemoryError(), [1.0])
-    failures = [(row["state"], row["reason"]) for row in rows(Path("results"))]
-    assert failures[0] == ("fail", "the loss became nan.")
-    assert failures[1][1].startswith("the memory is full")
+    failures = [(row["state"], row["reason"]) for row in rows(tmp_path)]
+    assert failures[0] == ("pruned", "the loss became nan.")
+    assert failures[1][0] == "pruned" and failures[1][1].startswith("the memory is full")
     assert failures[2] == ("complete", "")
+
+
+def test_options_that_do_not_fit_together_are_a_reason(tmp_path, scripted):
+    search = search_at(tmp_path, **{"sampling.clusters": [7]})
+    scripted(search, [1.0], trials=2)
+    assert states(search) == ["complete", "pruned"]
+    assert "clusters" in rows(tmp_path)[1]["reason"]
 
 
 def test_clearly_worse_trials_are_pruned_at_a_ninth_and_a_third_of_the_time(tmp_path, scripted):
@@ -199,28 +223,21 @@ def test_clearly_worse_trials_are_pruned_at_a_ninth_and_a_third_of_the_time(tmp_
     late = [100.0, 100, 100, 900, 900, 900, 900, 900, 1e9]
     trials = scripted(search, good, [1.0] * 9, late, [2 * value for value in good])
     assert states(search) == ["complete", "pruned", "pruned", "complete"]
-    assert [t.user_attrs["measured"]["train_seconds"] for t in trials] == [9, 1, 3, 9]
+    assert [trial.last_step for trial in trials] == [8, 1, 3, 8]
     assert [trial.number for trial in search.ranked()] == [trials[3].number, 0]
 
 
 def test_the_base_config_is_never_pruned(tmp_path, scripted):
     search = search_at(tmp_path)
-    base = search.study.ask()
-    scripted(search, [5.0] * 9, trials=1)
-    search.study.enqueue_trial(base.params, {"base": True})
-    (again,) = scripted(search, [1.0] * 9)
-    assert again.user_attrs["base"] and states(search) == ["complete", "complete"]
+    scripted(search, [5.0] * 9)
+    search.study.enqueue_trial(search.base_draw)
+    scripted(search, [1.0] * 9)
+    assert states(search) == ["complete", "complete"]
 
 
-def test_a_trial_reports_other_episodes_than_it_is_chosen_by(tmp_path, monkeypatch):
+def test_a_trial_reports_other_episodes_than_it_is_chosen_by(tmp_path, trained):
     search = search_at(tmp_path)
-
-    def evaluations(config: Config, stopped: Any) -> Iterator[Evaluation]:
-        for seconds, reported, choosing in ((1.0, 9.0, 3.0), (2.0, 4.0, 5.0), (9.0, 6.0, 4.0)):
-            indicators = measured(reported), measured(choosing)
-            yield Evaluation(1, 10, seconds, 9.0, 1, 0, None, *indicators)
-
-    monkeypatch.setattr(study_module, "evaluations", evaluations)
+    trained(lambda config: [(1.0, 9.0, 3.0), (2.0, 4.0, 5.0), (9.0, 6.0, 4.0)])
     search.run(1)
     assert [trial.value for trial in search.finished()] == [4.0]
 
@@ -236,27 +253,24 @@ def test_a_trial_is_the_best_only_with_other_seeds_too(tmp_path, scripted):
         for number in range(len(values))
     ]
     trials = scripted(search, *curves, seeds=3, trials=5)
-    found = [(t.user_attrs["measured"]["seeds"], t.value) for t in trials]
+    found = [(trial.user_attrs["seeds"], trial.value) for trial in trials]
     assert found == [(3, 11), (3, 9), (1, 9), (2, 8.5), (3, 13)]
     assert search.ranked()[0].number == trials[4].number
-    text = (tmp_path / "best.yaml").read_text()
-    assert "hypervolume 1.3000e+01" in text and "mean of 3 seeds" in text
+    assert "Trial 4 of 5: hypervolume 1.3000e+01" in (tmp_path / "best.yaml").read_text()
     assert [row["seeds"] for row in rows(tmp_path)] == ["3", "3", "1", "2", "3"]
 
 
-def test_several_indicators_keep_all_non_dominated_trials(tmp_path, scripted):
-    search = search_at(tmp_path, "hypervolume", "expected_utility")
-    scripted(search, [1.0], [3.0], [2.0])
-    assert [trial.values[0] for trial in search.ranked()] == [3, 2, 1]
-
-
 def test_trials_change_few_options_of_the_best_trial(tmp_path, scripted):
+    random.seed(0)
     search = search_at(tmp_path, **space_values(None, "cpu"))
-    trials = scripted(search, [1.0], [2.0], *[[0.5]] * 10)
-    options = [trial.user_attrs["options"] for trial in trials]
-    for earlier, later in ((0, 1), *((1, number) for number in range(2, len(trials)))):
-        changed = [name for name in options[0] if options[earlier][name] != options[later][name]]
-        assert 1 <= len(changed) <= 9
+    base, best, *later = (x.params for x in scripted(search, [1.0], [2.0], *[[0.5]] * 10))
+
+    def differing(trial: dict[str, Any], other: dict[str, Any]) -> int:
+        return sum(trial[name] != other[name] for name in search.space)
+
+    changes = [differing(trial, best) for trial in later]
+    assert 1 <= differing(best, base) <= 9 and 1 <= min(changes) <= max(changes) <= 9
+    assert sum(changes) < sum(differing(trial, base) for trial in later)
 
 
 @pytest.mark.parametrize(
@@ -264,20 +278,32 @@ def test_trials_change_few_options_of_the_best_trial(tmp_path, scripted):
 )
 def test_the_default_space_fits_every_task(env, device_type, tmp_path, scripted):
     base, space = config_for(env, device="cpu"), space_values(None, device_type)
-    search = search_at(tmp_path, base=base, **space)
-    assert [search.config(t).max_seconds for t in scripted(search, [1.0], [1.0])] == [9, 9]
+    search = search_at(tmp_path, base, **space)
+    first, second = (changed(search.base, x.params) for x in scripted(search, [1.0], [1.0]))
+    assert first == search.base != second and second.max_seconds == 9
+
+
+def test_the_value_of_the_base_config_belongs_to_the_space(tmp_path, scripted):
+    space = {
+        "ppo.clip": {"low": 0.3, "high": 0.4},
+        "network.actor": [[128, 128]],
+        "ppo.epochs": [9],
+    }
+    search = search_at(tmp_path, **space)
+    assert search.space["ppo.clip"].low == search.base.ppo.clip < 0.3
+    assert [changed(search.base, t.params) for t in scripted(search, [1.0])] == [search.base]
 
 
 BAD_SPACES = {
-    "empty": ("{}", "the space bad.yaml is empty"),
+    "empty": ("{}", "the search space is empty"),
     "unknown option": ("ppo.learning_rat: [1]", "did you mean 'learning_rate'?"),
     "low above high": ("ppo.clip: {low: 3, high: 1}", "`low <= high` must hold"),
     "log of zero": ("ppo.entropy: {low: 0.0, high: 1, log: true}", "`low > 0` must hold"),
     "out of bounds": ("ppo.discount: {low: 0.9, high: 1.1}", "less than or equal to 1"),
-    "never fits": (
-        "sampling.clusters: [7, 9]",
-        "draws from the space bad.yaml do not fit",
-    ),
+    "a number": ("3: [1]", "the search space: 3: "),
+    "no multiples": ("ppo.desired_kl: {times: [2]}", "ppo.desired_kl: "),
+    "neither list nor range": ("ppo.epochs: 3", "use a list of values"),
+    "range of an option that is off": ("ppo.desired_kl: {low: 0.01, high: 1}", "use a list"),
     **{
         f"measures {name}": (f"{name}: [{value}]", f"{name}: all trials share it")
         for name, value in {
@@ -289,70 +315,52 @@ BAD_SPACES = {
 
 
 @pytest.mark.parametrize("mistake", BAD_SPACES)
-def test_a_bad_space_is_one_sentence(mistake, workplace, monkeypatch):
+def test_a_bad_space_is_one_sentence(mistake, workplace, monkeypatch, capsys):
     text, sentence = BAD_SPACES[mistake]
     (workplace / "bad.yaml").write_text(text)
-    with pytest.raises(MorlaxError) as refusal:
-        Search(tiny(), "bad.yaml")
-    assert sentence in str(refusal.value) and "\n" not in str(refusal.value)
+    assert sentence in refused(monkeypatch, capsys, "--space", "bad.yaml")
     assert not Path("tuning").exists()
 
 
 BAD_OPTIONS = {
     "no time": (("--seconds", "0"), "seconds"),
     "own limit": (("--max-seconds", "5"), "itself: use --seconds instead"),
-    "indicator twice": (("--indicators", *["sparsity"] * 2), "name each indicator once"),
     "no space": (("--space", "none.yaml"), "there is no space none.yaml"),
-    "a folder": (("--storage", "."), "it is not a journal"),
-    "no journal": (("--storage", "line.yaml"), "line.yaml: it is not a journal"),
+    "a file": (("--output", "space.yaml"), "cannot make space.yaml"),
 }
 
 
 @pytest.mark.parametrize("mistake", BAD_OPTIONS)
 def test_a_bad_option_is_one_sentence(mistake, workplace, monkeypatch, capsys):
     options, sentence = BAD_OPTIONS[mistake]
-    (workplace / "line.yaml").write_text("env: hopper")
     assert sentence in refused(monkeypatch, capsys, *options)
-    assert (workplace / "line.yaml").read_text() == "env: hopper"
 
 
-@contextmanager
-def room(size: int) -> Iterator[None]:
-    """Let files grow to at most `size` bytes, as on a disk that is then full."""
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
-
-
-def test_a_study_goes_on_after_a_full_disk(tmp_path, scripted):
-    search, journal = search_at(tmp_path), tmp_path / "journal.log"
-    scripted(search, [1.0, 2.0])
-    size = journal.stat().st_size
-
-    with ExitStack() as stack:
-
-        def fill(config: Config) -> list[float]:
-            stack.enter_context(room(journal.stat().st_size + 20))
-            return [3.0, 3.0]
-
-        with pytest.raises(MorlaxError, match=f"cannot use the storage {journal}: File too large"):
-            scripted(search, fill)
-    assert journal.stat().st_size > size and not journal.read_bytes().endswith(b"\n")
-    again = search_at(tmp_path)
-    assert [trial.value for trial in again.finished()] == [2.0]
-    scripted(again, [3.0])
-    for line in journal.read_text().splitlines():
-        json.loads(line)
-    assert len(search_at(tmp_path).finished()) == 2
+@pytest.mark.parametrize("damage", ["env: hopper", "env: hopper\n", '{"op_code":4,"worker', None])
+def test_a_journal_that_cannot_be_used_is_one_sentence(damage, tmp_path, scripted):
+    scripted(search_at(tmp_path), [1.0, 2.0])
+    journal = tmp_path / "journal.log"
+    whole = journal.read_text()
+    if damage is None:
+        journal.unlink()
+        journal.mkdir()
+    else:
+        journal.write_text(whole + damage)
+    with pytest.raises(MorlaxError, match=str(journal)) as refusal:
+        search_at(tmp_path)
+    assert "\n" not in str(refusal.value)
+    if damage is not None:
+        assert journal.read_text() == whole + damage
+        journal.write_text(whole)  # without the damaged line
+        assert [trial.value for trial in search_at(tmp_path).finished()] == [2.0]
 
 
 def test_a_study_keeps_what_its_trials_share(tmp_path):
     search = search_at(tmp_path)
-    for changes, option in (({"ppo.epochs": [2, 3]}, "space"), ({"seconds": 8.0}, "seconds")):
-        with pytest.raises(MorlaxError, match=f"was started with another --{option}"):
+    others = {"space": {"ppo.epochs": [2, 3]}, "seconds": {"seconds": 8.0}}
+    others["env"] = {"base": config_for("ant", device="cpu")}
+    for option, changes in others.items():
+        with pytest.raises(MorlaxError, match=f"has another --{option}:"):
             search_at(tmp_path, **changes)
     plan = search.study.user_attrs["plan"]
     assert plan.pop("start_from") is None  # a study from before an option existed goes on
@@ -360,13 +368,21 @@ def test_a_study_keeps_what_its_trials_share(tmp_path):
     search_at(tmp_path)
 
 
-def test_trials_start_from_the_policies_that_the_config_names(tmp_path):
+def test_trials_start_from_the_policies_that_the_config_names(tmp_path, monkeypatch):
     start = train(tiny(max_env_steps=32 * 5 * 20), output=tmp_path / "start")
     latest = str(start.checkpoints / "latest.pt")
-    config = tiny(start_from=latest, max_seconds=0.01, max_env_steps=None)
-    with closing(study_module.evaluations(config, lambda: False)) as found:
-        returns = next(found).front.returns
-    np.testing.assert_array_equal(returns, Front.load(start.checkpoints / "latest.npz").returns)
+    fronts: list[Front] = []
+
+    class Watched(study_module.Session):
+        def training(self, **settings: Any) -> Iterator[Evaluation]:
+            for evaluation in super().training(**settings):
+                fronts.append(evaluation.front)
+                yield evaluation
+
+    monkeypatch.setattr(study_module, "Session", Watched)
+    search_at(tmp_path / "search", tiny(start_from=latest), seconds=0.01).run(1)
+    expected = Front.load(start.checkpoints / "latest.npz").returns
+    np.testing.assert_array_equal(fronts[0].returns, expected)
 
 
 def test_a_missing_optuna_names_the_extra(workplace, monkeypatch, capsys):
@@ -374,16 +390,3 @@ def test_a_missing_optuna_names_the_extra(workplace, monkeypatch, capsys):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "optuna", None)
     assert "pip install 'morlax-torch[tune]'" in refused(monkeypatch, capsys)
-
-
-def test_workers_are_spread_over_gpus(monkeypatch):
-    import torch
-
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
-    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
-    assert tune.visible_gpus("cuda:0", None, False) == ["0", "1"]
-    assert tune.visible_gpus("cuda:0", 4, False) == ["0", "1", "0", "1"]
-    assert tune.visible_gpus("cuda:1", None, True) == [None]
-    assert tune.visible_gpus("cpu", 3, False) == [None] * 3
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7")
-    assert tune.visible_gpus("cuda:0", 3, False) == ["5", "7", "5"]

@@ -153,11 +153,11 @@ def test_shown_scripts_run(script, line, workplace, monkeypatch):
 
 def test_the_shown_search_space_is_valid(workplace):
     pytest.importorskip("optuna", reason="needs the extra tune")
-    from morlax_torch.tuning.study import Space
+    from morlax_torch.tuning.study import distributions
 
     for device_type in ("cpu", "cuda"):
         config = load_config(task_values("cheetah", device_type))
-        assert Space(space_values(Path("my_space.yaml"), device_type), config, "").distributions
+        assert distributions(space_values(Path("my_space.yaml"), device_type), config)
 
 
 CONFIGS = [block for block in blocks("yaml") if not block.values[0].startswith("# my_space.yaml")]
@@ -214,7 +214,6 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "-m morlax_torch.train --env humanoid --output /shared/humanoid": "test_torchrun.py does",
     "python benchmarks/": "takes minutes to hours; test_compare.py imports some",
     "python docs/examples/": "test_examples.py does",
-    "train_hydra.py": "test_documents.py does",
     "morlax export runs/cheetah": "test_documents.py and test_export.py do",
     "morlax export go1": "needs mjlab; test_mjlab_play.py exports it",
     "morlax choose g1": "needs mjlab; test_mjlab.py chooses",
@@ -234,7 +233,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "playground:": "brings JAX; test_playground.py trains",
     "gymnasium:mo-": "needs mo-gymnasium; test_mo_gymnasium.py trains",
     "MUJOCO_GL=osmesa": "needs OSMesa",
-    "--storage ": "needs a shared folder or a database; test_tune.py has one",
+    "CUDA_VISIBLE_DEVICES=": "needs two GPUs; test_tune.py starts two processes",
     "best.yaml": "needs the result of a search; test_tune.py trains with it",
     "http.server": "serves until it is stopped; test_web_page.py serves such a page",
     "morlax pack": "needs a finished run; .ci/smoke.py packs one",

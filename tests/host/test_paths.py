@@ -24,7 +24,6 @@ COMMANDS = {
     "config": (train_command, ("--config", "{}")),
     "output": (train_command, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
     "space": (tune, ("--env", "cheetah", "--device", "cpu", "--space", "{}")),
-    "storage": (tune, ("--env", "cheetah", "--device", "cpu", "--storage", "{}")),
     "tune output": (tune, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
     "robot": (train_command, ("--env", "{}.py:Robot")),
 }

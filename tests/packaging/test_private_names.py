@@ -146,13 +146,6 @@ def vectors() -> None:
     assert (list(env._get_indices(None)), list(env._get_indices(1))) == ([0, 1, 2], [1])
 
 
-@private("optuna", "_lock_target_file")
-def journal() -> None:
-    from optuna.storages.journal import JournalFileSymlinkLock
-
-    assert JournalFileSymlinkLock("study.log")._lock_target_file == "study.log"
-
-
 @private("mjlab", "_extract_yaw_rotation")
 def yaw() -> None:
     from mjlab.sensor import RayCastSensor
