@@ -2,7 +2,7 @@
 
 import json
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from statistics import fmean
@@ -24,6 +24,7 @@ try:
     from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
     from optuna.samplers import RandomSampler, TPESampler
     from optuna.storages.journal import JournalFileBackend, JournalStorage
+    from optuna.study import StudyDirection
     from optuna.trial import FrozenTrial, TrialState
 except ImportError as error:
     needed = f"tuning needs {error.name}, which is not installed: {installation('tune')}."
@@ -140,11 +141,12 @@ class Search:
 
     def write(self, *_: object) -> None:
         """Write trials.csv and, once a trial is complete, best.yaml."""
-        rows = [("number", "state", "hypervolume", "seeds", *self.space, "reason")]
+        names = "number", "state", "hypervolume", "seeds", *self.space, "reason"
+        rows: list[Sequence[Any]] = [names]
         for trial in self.finished():
             row = trial.user_attrs | trial.params | {"number": trial.number}
             row |= {"state": trial.state.name.lower(), "hypervolume": trial.value}
-            rows.append(tuple(row.get(name, "") for name in rows[0]))
+            rows.append([row.get(name, "") for name in names])
         write_rows(self.folder / "trials.csv", rows)
         for best in self.ranked()[:1]:
             text = f"# Trial {best.number} of {len(rows) - 1}: hypervolume {best.value:.4e}\n"
@@ -223,7 +225,8 @@ def evolution(
 ) -> optuna.Study:
     """Return a study of NSGA-II, whose first generation has the first of the starts (k, d)."""
     sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
-    study = optuna.create_study(directions=["maximize"] * objectives, sampler=sampler)
+    directions = [StudyDirection.MAXIMIZE] * objectives
+    study = optuna.create_study(directions=directions, sampler=sampler)
     for start in starts[:population].tolist():
         study.enqueue_trial(dict(zip(ranges, start, strict=True)))
     return study
