@@ -308,8 +308,19 @@ def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float]) -> Path:
     """Store a trade-off (m,) under a name, over an earlier one; returns the file."""
     file = check_bookmark(run, name)
     stored = {**bookmarks(run), name: [float(weight) for weight in tradeoff]}
-    write_file(file, yaml.safe_dump(stored, default_flow_style=None, sort_keys=False))
+    write_file(file, _dumped(stored))
     return file
+
+
+def rename_bookmark(run: AnyPath, name: str, new: str) -> None:
+    """Give a bookmark of a run another name; an empty one removes it."""
+    stored = {new if key == name else key: weights for key, weights in bookmarks(run).items()}
+    stored.pop("", None)
+    write_file(check_bookmark(run, new or name), _dumped(stored))
+
+
+def _dumped(stored: dict[str, list[float]]) -> str:
+    return yaml.safe_dump(stored, default_flow_style=None, sort_keys=False)
 
 
 def bookmarks(run: AnyPath) -> dict[str, list[float]]:
