@@ -5,13 +5,13 @@ import { Sliders } from "./sliders.js";
 import { inUnit, named, present, valuesOf } from "./units.js";
 
 export class ChoosingPanel {
-  /** @param settled called when thresholds have changed. */
+  /** @param settled called with the index of a value whose threshold has changed, or that is maximized. */
   constructor(engine, settled) {
     Object.assign(this, { engine, settled });
     this.numbers = valuesOf(engine.about);
     $("maximize").onchange = () => {
       engine.maximize(Number($("maximize").value));
-      settled();
+      settled(Number($("maximize").value));
     };
     $("free").onclick = () => engine.press("free");
     $("cancel").onclick = () => engine.press("cancel");
@@ -40,7 +40,7 @@ export class ChoosingPanel {
     this.engine.require(index, level);
     $("choosing-section").open = true;
     this.facts = null;
-    this.settled();
+    this.settled(index);
   }
 
   show() {

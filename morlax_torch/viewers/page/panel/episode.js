@@ -2,7 +2,7 @@
 
 import { $, amount, html } from "../pictures.js";
 import { colorOf, distance, lowest, robotColor } from "../tradeoffs.js";
-import { inUnit, named, present, valuesOf } from "./units.js";
+import { inUnit, present, valuesOf } from "./units.js";
 
 export class Episode {
   constructor(engine, live) {
@@ -20,7 +20,7 @@ export class Episode {
     if (form !== this.form) this.#tabulate(robots.length, about);
     this.form = form;
     this.rows.forEach(({ cells, now, evaluated }) => {
-      robots.forEach((_, i) => (cells[i].textContent = amount(now(i))));
+      if (now) robots.forEach((_, i) => (cells[i].textContent = amount(now(i))));
       if (robots.length === 1 && evaluated) cells[1].textContent = amount(evaluated(steered));
     });
     this.termCells.forEach((cell, i) => {
@@ -56,25 +56,24 @@ export class Episode {
     }
     const others = values.filter(({ physical, key }) => physical && key !== motion[0].name);
     const measured = others.map((value) => {
-      return { name: value.key, now: () => undefined, evaluated: evaluated(value), color: "var(--ink)" };
+      return { name: value.key, evaluated: evaluated(value), color: "var(--ink)" };
     });
     return [motion[0], ...measured, motion[1], ...returns];
   }
 
   #tabulate(number, about) {
-    const all = this.#values(about).filter((row) => number === 1 || !row.evaluated || row.now(0) !== undefined);
-    const one = ["now", ...(about.front ? ["evaluated"] : [])];
+    const all = this.#values(about).filter(({ now }) => number === 1 || now);
+    const one = [present() === "second" ? "now" : "so far", ...(about.front ? ["evaluated"] : [])];
     const titles = number === 1 ? one : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
     const head = titles.map((textContent, i) => {
       const className = number > 1 ? "dot" : "";
       return html("th", { textContent, className, style: `--color: ${robotColor(i)}` });
     });
     this.rows = all.map((row) => ({ ...row, cells: titles.map(() => html("td", { textContent: "–" })) }));
-    const rows = this.rows.map(({ name, index, color, cells }) => {
-      const text = index === undefined ? name : named({ name, physical: false });
-      const title = html("th", { textContent: text, className: "objective", style: `--color: ${color}` });
+    const rows = this.rows.map(({ name, color, cells }) => {
+      const title = html("th", { textContent: name, className: "objective", style: `--color: ${color}` });
       return html("tr", {}, title, ...cells);
     });
-    $("episode").replaceChildren(html("tr", {}, html("td"), ...head), ...rows);
+    $("episode").replaceChildren(html("tr", {}, html("td", { textContent: `returns per ${present()}` }), ...head), ...rows);
   }
 }

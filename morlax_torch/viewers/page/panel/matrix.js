@@ -10,6 +10,7 @@ export class Matrix {
   constructor({ titles, front }, enlarge) {
     this.front = front;
     const m = titles.length;
+    this.radius = 1.7 * (m - 1); // about 5 pixels
     this.cells = [];
     this.element = html("div", { className: "matrix" });
     this.element.style.gridTemplateColumns = `repeat(${m - 1}, minmax(0, 1fr)) auto`;
@@ -42,7 +43,7 @@ export class Matrix {
     for (const { rings, at } of this.cells) {
       const circles = marks.map(({ fill, outline }, i) => {
         const [cx, cy] = at(points[i]);
-        return svg("circle", { cx, cy, r: 5, fill, stroke: outline, class: "mark" });
+        return svg("circle", { cx, cy, r: this.radius, fill, stroke: outline, class: "mark" });
       });
       rings.replaceChildren(...circles);
     }

@@ -45,7 +45,8 @@ export class Panel {
       document.body.classList.add("knows"); // what the hint says
     };
     this.#showWeights(settled);
-    this.choosing = this.front ? new ChoosingPanel(engine, settled) : null;
+    const required = (index) => (this.#reveal(index), settled());
+    this.choosing = this.front ? new ChoosingPanel(engine, required) : null;
     this.#showPlots();
     $("triangle").onpointerup = $("front").onpointerup = settled;
     this.parts.push(
@@ -152,9 +153,7 @@ export class Panel {
     $("front").replaceChildren();
     $("matrix").replaceChildren();
     $("legend").replaceChildren(...(front ? legend(front) : []));
-    $("checkpoint").textContent = front
-      ? `front of ${front.checkpoint}`
-      : "This checkpoint has no front. To write one: morlax evaluate RUN";
+    $("checkpoint").hidden = Boolean(front);
     if (!front) return;
     this.lists = axisChoosers(values, (axes) => this.#enlarge(axes));
     $("axes").replaceChildren(this.lists[0], html("span", { textContent: "and" }), this.lists[1]);
@@ -162,6 +161,12 @@ export class Panel {
     this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
     $("matrix").replaceChildren(this.matrix.element);
     this.plots = [...this.triangle, this.matrix];
+  }
+
+  /** Show a value on an axis, so that the line of its requirement is seen. */
+  #reveal(index) {
+    const { maximized } = this.engine.choosing;
+    if (!this.axes.includes(index)) this.#enlarge([index, maximized === index ? this.axes[1] : maximized]);
   }
 
   /** Show two values of the policies, by index, as the large front. */
@@ -178,12 +183,12 @@ export class Panel {
 }
 
 /** Return what the marks on the front mean. */
-function legend({ best, fails }) {
+function legend({ best, fails, checkpoint }) {
   const entries = [["mixed", "on the front"]];
   if (best.some((one, i) => !one && !fails[i])) entries.push(["gray", "dominated"]);
   if (fails.includes(true)) entries.push(["cross", "falls in most episodes"]);
-  entries.push(["ring", "yours"]);
-  return entries.map(([look, textContent]) => html("span", { className: `key ${look}`, textContent }));
+  entries.push(["ring", "yours"], ["", `from ${checkpoint}`]);
+  return entries.map(([look, textContent]) => html("span", { className: look && `key ${look}`, textContent }));
 }
 
 /** Return two lists, for the axes of the plot. */

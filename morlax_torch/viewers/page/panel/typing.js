@@ -31,7 +31,9 @@ export class TypedWeights {
       else if (name && name !== this.named) engine.rename(this.named, name);
       this.#close();
     };
-    $("naming").onkeydown = ({ key }) => key === "Escape" && this.#close();
+    $("naming").onkeydown = ({ key }) => {
+      if (key === "Escape") this.#close();
+    };
     $("unname").onclick = () => this.#close();
   }
 
