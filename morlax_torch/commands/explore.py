@@ -31,9 +31,8 @@ def command(arguments: Sequence[str]) -> None:
 
         run = options.run or library.first()
         trust_run(run, options.trust, options.env)
-        choice, tradeoff = library.choose(run), None
-        if options.tradeoff is not None:
-            tradeoff = tradeoff_of(options.tradeoff, run, objectives_of(run))
+        choice, text = library.choose(run), options.tradeoff
+        tradeoff = None if text is None else tradeoff_of(text, run, objectives_of(run))
         import torch
 
         from ..host.resources import one_thread

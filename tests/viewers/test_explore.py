@@ -344,8 +344,7 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
     view.until(lambda: view.tradeoff() == (0.4, 0.6), "the bookmark has no effect")
     file = Path("runs/hopper/b/bookmarks.yaml")
     assert file.read_text() == "calm: [0.4, 0.6]\n"
-    assert view.tab.locator("#front .pin-name").all_inner_texts() == ["@calm"]
-    assert view.tab.locator("#front .between").count() == 0 or "between" in view.text("front")
+    assert view.tab.locator("#front .pin-name").all_text_contents() == ["@calm"]
 
     # renamed and deleted in place
     view.press("Rename calm")
@@ -541,9 +540,11 @@ def test_a_required_level_is_a_line_that_can_be_dragged_and_its_search_canceled(
     level = float(view.text("levels").split("≥")[1].split()[0].replace("k", "e3"))
     view.tab.keyboard.press("u")
     view.until(lambda: "per episode" in view.text("front"), "the unit stays")
-    whole = float(view.text("levels").split("≥")[1].split()[0].replace("k", "e3"))
-    seconds = whole / level
-    assert seconds == pytest.approx(5, rel=0.02)
+
+    def seconds() -> float:
+        return float(view.text("levels").split("≥")[1].split()[0].replace("k", "e3")) / level
+
+    view.until(lambda: seconds() == pytest.approx(2, rel=0.02), "the level keeps its number")
     view.press("per second")
     view.press("thresholds off")
 
@@ -565,7 +566,8 @@ def test_a_newcomer_sees_what_to_do_and_keys_help(visit):
     view.tab.keyboard.press("Escape")
     slider = view.slider("smoothness")
     slider.focus()
-    slider.press("ArrowRight")
+    for _ in range(5):
+        slider.press("ArrowRight")
     view.until(lambda: view.tab.is_hidden("#hint"), "the hint stays")
     view.until(lambda: view.tab.locator("#front .between").count() == 1, "the ring says nothing")
     assert "between evaluated policies" in view.text("front")

@@ -180,7 +180,7 @@ def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     assert time.perf_counter() - began < 1
     assert thresholds.state()["searching"]
     wait()
-    expected = choosing.Chooser(policy, front).choose({"run": middle}, "run")
+    expected = choosing.Chooser(policy, front).choose({"run": middle}, "energy")
     assert found == [expected.tradeoff]
     assert thresholds.state()["found"]["returns"] == expected.returns
     thresholds.require(1, 1e9)  # is cut to the front's best

@@ -33,20 +33,6 @@ def _aside(work: Callable[[], Any], put: Put, end: Callable[[Future], None]) -> 
     pool.shutdown(wait=False)
 
 
-class _Rounds:
-    """Counts rounds of simulation, and estimates how long the current one still takes."""
-
-    def __init__(self) -> None:
-        self.number, self._share, self._began = 0, 1.0, 0.0
-
-    def told(self, share: float) -> dict[str, float]:
-        if share < self._share:
-            self.number, self._began = self.number + 1, time.monotonic()
-        self._share = share
-        passed = time.monotonic() - self._began
-        return {"round": self.number, "share": share, "left": passed / max(share, 0.01) - passed}
-
-
 class Thresholds:
     """Required values, and the value to maximize; one search follows the other.
 
@@ -62,6 +48,7 @@ class Thresholds:
         self.names = *front.objectives, *front.quantity_names
         self.searching = False
         self._search: object = None  # the current one; another one that still runs ends itself
+        self._rounds, self._began = 0, 0.0  # of its simulations, and when the current one began
         self.progress: dict[str, float] = {}  # of the search
         self.levels: dict[int, float] = {}  # required values by index
         self.maximized = 0  # index of a value
@@ -117,19 +104,23 @@ class Thresholds:
         self.choice, self.reason, self.progress = None, "", {}
         search = self._search = object()
         if self.levels and not self.searching:
-            self.searching, wanted = True, self._wanted()
+            self.searching, self._rounds, wanted = True, 0, self._wanted()
 
             def work() -> Choice:
-                with heard_by(partial(self._hear, search, _Rounds())):
+                with heard_by(partial(self._hear, search)):
                     return self._chooser().choose(*wanted)
 
             _aside(work, self._put, partial(self._end, search))
 
-    def _hear(self, search: object, rounds: _Rounds, doing: str, share: float | None) -> None:
+    def _hear(self, search: object, doing: str, share: float | None) -> None:
         """Note what a search does; end one that nobody waits for. Called in its thread."""
         if search is not self._search:
             raise MorlaxError("the search was canceled.")
-        self.progress = rounds.told(share or 0.0)
+        now, share = time.monotonic(), share or 0.0
+        if share < self.progress.get("share", 1.0):  # another round of simulations
+            self._rounds, self._began = self._rounds + 1, now
+        left = (now - self._began) * (1 / max(share, 0.01) - 1)
+        self.progress = {"round": self._rounds, "share": share, "left": left}
 
     def _end(self, search: object, done: Future[Choice]) -> None:
         """Steer to the choice, or store the error; search again if the thresholds have changed."""

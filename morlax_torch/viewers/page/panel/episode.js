@@ -1,6 +1,6 @@
 // What the robots do now, in the present unit, and how the former episode ended.
 
-import { $, amount, html } from "../pictures.js";
+import { $, amount, html, isNews } from "../pictures.js";
 import { colorOf, distance, lowest, robotColor } from "../tradeoffs.js";
 import { inUnit, present, valuesOf } from "./units.js";
 
@@ -19,10 +19,15 @@ export class Episode {
     const form = `${robots.length} ${present()}`;
     if (form !== this.form) this.#tabulate(robots.length, about);
     this.form = form;
-    this.rows.forEach(({ cells, now, evaluated }) => {
+    for (const { cells, now } of this.rows) {
       if (now) robots.forEach((_, i) => (cells[i].textContent = amount(now(i))));
-      if (robots.length === 1 && evaluated) cells[1].textContent = amount(evaluated(steered));
-    });
+    }
+    if (robots.length === 1 && about.front && isNews(this, form, steered.tradeoff)) {
+      const nearest = lowest(about.front.tradeoffs, (weights) => distance(weights, steered.tradeoff));
+      for (const { cells, value } of this.rows) {
+        if (value) cells[1].textContent = amount(inUnit(value, value.values[nearest], about));
+      }
+    }
     this.termCells.forEach((cell, i) => {
       cell.textContent = steered.terms ? amount(steered.terms[i]) : "–";
     });
@@ -33,7 +38,7 @@ export class Episode {
       : "";
   }
 
-  /** Return rows with a name, what a robot does now, and what its policy was evaluated with. */
+  /** Return rows with a name, what a robot does now, and the value of evaluated policies. */
   #values({ objectives, titles, front }) {
     const { live, engine } = this;
     const returns = objectives.map((_, index) => {
@@ -46,18 +51,11 @@ export class Episode {
     ];
     if (!front) return [...motion, ...returns];
     const values = valuesOf(engine.about);
-    const evaluated = (value) => ({ tradeoff }) => {
-      const nearest = lowest(front.tradeoffs, (weights) => distance(weights, tradeoff));
-      return inUnit(value, value.values[nearest], engine.about);
-    };
     for (const row of [...motion, ...returns]) {
-      const value = values.find(({ key, index }) => key === row.name || index === row.index);
-      if (value) row.evaluated = evaluated(value);
+      row.value = values.find(({ key, index }) => key === row.name || index === row.index);
     }
     const others = values.filter(({ physical, key }) => physical && key !== motion[0].name);
-    const measured = others.map((value) => {
-      return { name: value.key, evaluated: evaluated(value), color: "var(--ink)" };
-    });
+    const measured = others.map((value) => ({ name: value.key, value, color: "var(--ink)" }));
     return [motion[0], ...measured, motion[1], ...returns];
   }
 
