@@ -221,7 +221,7 @@ def test_files_are_written_while_the_robots_go_on(tmp_path, make_run):
         requests.get(timeout=PATIENCE)()
     press(exhibit, "card")
     assert saved(exhibit) == f"written: {run / 'decision.html'}"
-    assert "As much run as possible" in (run / "decision.html").read_text()
+    assert "As much jump as possible" in (run / "decision.html").read_text()
 
 
 class Task:

@@ -26,7 +26,7 @@ export class FrontPlot {
     this.places = this.front.tradeoffs.map((_, i) => this.#at(this.columns.map((column) => column[i])));
     this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
     [this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g")];
-    this.told = [svg("text", { class: "readout" }), svg("text", { class: "readout" })];
+    this.told = [0, 1].map(() => svg("text", { class: "readout told" }));
     this.nearest = 0;
     const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
     this.drawing = svg(
