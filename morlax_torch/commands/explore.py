@@ -41,8 +41,7 @@ def command(arguments: Sequence[str]) -> None:
 
     with one_thread(torch.device("cpu")), interruptible() as ended:
         with cli.Live():
-            exhibit = partial(RunExhibit, choice, tradeoff=tradeoff)
-            page = Page(exhibit, options.host, options.port)
+            page = Page(partial(RunExhibit, choice, tradeoff=tradeoff), options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)
         page.stop()

@@ -257,8 +257,9 @@ def test_twins_start_alike_and_stay_in_step():
     exhibit = RunExhibit(library.choose("ant"), pytest.fail, (1.0, 3.0))
     assert exhibit.robots[0].tradeoff == (0.25, 0.75)
     play(exhibit.robots[0], 0.2)
-    for name in ("add", "reset"):
-        press(exhibit, name)
+    for names in (["add"], ["reset", "push"]):
+        for name in names:
+            press(exhibit, name)
         for now in np.arange(0.0, 0.3, 0.017):
             for robot in exhibit.robots:
                 robot.advance(now)

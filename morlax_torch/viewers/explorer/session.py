@@ -122,6 +122,7 @@ class Session:
         """Start an episode; those of twins with one seed begin and are disturbed alike."""
         if seed is not None:
             self.player.env.reseed(seed)
+            self._directions = np.random.default_rng(seed)
         self.player.reset()
         self.steps = 0
 

@@ -65,7 +65,8 @@ export class Local {
   }
 
   press(name) {
-    if (name === "push") for (const robot of this.robots) robot.push();
+    const kick = name === "push" && this.steered.kick(); // the same of all, so that twins stay in step
+    if (kick) for (const robot of this.robots) robot.push(kick);
     if (name === "reset") this.resets = true;
     if (name === "free") this.#choose({}, this.choosing.maximized);
     if (name === "add" && this.robots.length < MOST) this.#show([...this.robots, this.steered.twin()]);

@@ -33,7 +33,6 @@ export class Panel {
     this.plots = [];
     this.axes = this.front?.pair;
     $("choosing-section").hidden = $("unit").hidden = !this.front;
-    document.body.classList.toggle("many", this.names.length > 2);
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
     const measure = () => engine.press("measure");
