@@ -47,7 +47,7 @@ class Thresholds:
         self._chooser = cache(partial(Chooser, session.player.policy, front))  # takes a while
         self.names = *front.objectives, *front.quantity_names
         self.searching = False
-        self._search: object = None  # the current one; another one that still runs ends itself
+        self.current: object = None  # the search that goes on; another one ends without a result
         self._rounds, self._began = 0, 0.0  # of its simulations, and when the current one began
         self.progress: dict[str, float] = {}  # of the search
         self.levels: dict[int, float] = {}  # required values by index
@@ -88,10 +88,6 @@ class Thresholds:
             self.maximized = next((i for i in free if i not in self.levels), self.maximized)
         self.search()
 
-    def cancel(self) -> None:
-        """End the current search without a result."""
-        self._search = None
-
     def _wanted(self) -> Wanted:
         """Return what is required and maximized, by name."""
         named = {self.names[index]: level for index, level in self.levels.items()}
@@ -102,7 +98,7 @@ class Thresholds:
     def search(self) -> None:
         """Search for the trade-off that meets the thresholds, now or after the current search."""
         self.choice, self.reason, self.progress = None, "", {}
-        search = self._search = object()
+        search = self.current = object()
         if self.levels and not self.searching:
             self.searching, self._rounds, wanted = True, 0, self._wanted()
 
@@ -114,7 +110,7 @@ class Thresholds:
 
     def _hear(self, search: object, doing: str, share: float | None) -> None:
         """Note what a search does; end one that nobody waits for. Called in its thread."""
-        if search is not self._search:
+        if search is not self.current:
             raise MorlaxError("the search was canceled.")
         now, share = time.monotonic(), share or 0.0
         if share < self.progress.get("share", 1.0):  # another round of simulations
@@ -125,7 +121,7 @@ class Thresholds:
     def _end(self, search: object, done: Future[Choice]) -> None:
         """Steer to the choice, or store the error; search again if the thresholds have changed."""
         self.searching = False
-        if self._search not in (search, None):
+        if self.current not in (search, None):
             return self.search()
         try:
             self.choice = done.result()
@@ -238,7 +234,7 @@ class RunExhibit:
             case {"name": "free"} if thresholds is not None:
                 thresholds.stop()
             case {"name": "cancel"} if thresholds is not None:
-                thresholds.cancel()
+                thresholds.current = None
             case {"name": "measure"} if self._stale:
                 self._measure()
             case {"name": "export"}:
