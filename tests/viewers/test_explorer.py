@@ -244,6 +244,9 @@ def test_the_map_has_returns_and_physical_quantities(make_front):
     both = np.hstack([power, 3 * power])
     sent = front_map(front._replace(quantities=both, quantity_names=("power (W)", "v")), Task())
     assert sorted(sent["pair"]) == [2, 3]
+    both[0, 1] = np.nan  # of a policy that fell at once
+    sent = front_map(front._replace(quantities=both, quantity_names=("power (W)", "v")), Task())
+    assert [one["name"] for one in sent["measured"]] == ["power (W)"]
     sent = front_map(front._replace(falls=np.array([0.0, 0.25, 0.0, 1.0])), Task())
     assert sent["fails"] == [False, False, False, True] and sent["falls"] == [0, 0.25, 0, 1]
 
@@ -256,6 +259,7 @@ def test_the_map_of_discounted_returns_counts_seconds_as_they_do(make_front):
 def test_twins_start_alike_and_stay_in_step():
     exhibit = RunExhibit(library.choose("ant"), pytest.fail, (1.0, 3.0))
     assert exhibit.robots[0].tradeoff == (0.25, 0.75)
+    press(exhibit, "push")
     play(exhibit.robots[0], 0.2)
     for names in (["add"], ["reset", "push"]):
         for name in names:
