@@ -62,7 +62,7 @@ export class Episode {
   #tabulate(number, about) {
     const all = this.#values(about).filter(({ now }) => number === 1 || now);
     const one = [present() === "second" ? "now" : "so far", ...(about.front ? ["evaluated"] : [])];
-    const titles = number === 1 ? one : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
+    const titles = number === 1 ? one : [...Array(number).keys()].map((i) => `${i + 1}`);
     const head = titles.map((textContent, i) => {
       const className = number > 1 ? "dot" : "";
       return html("th", { textContent, className, style: `--color: ${robotColor(i)}` });

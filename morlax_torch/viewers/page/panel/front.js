@@ -26,7 +26,7 @@ export class FrontPlot {
     this.places = this.front.tradeoffs.map((_, i) => this.#at(this.columns.map((column) => column[i])));
     this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
     [this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g")];
-    this.told = [0, 1].map(() => svg("text", { class: "readout told" }));
+    this.told = [0, 1, 2].map(() => svg("text", { class: "readout told" }));
     this.nearest = 0;
     const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
     this.drawing = svg(
@@ -65,15 +65,15 @@ export class FrontPlot {
 
   /** Say beside the visitor's ring what the robot reaches, by axis; null: unknown. */
   tell(reached) {
-    const known = this.axes.flatMap(({ name }, i) => (reached[i] === null ? [] : `${name} ${short(reached[i])}`));
-    const texts = [known.length ? `now ${known.join(", ")}` : "", this.isBetween ? "between evaluated policies" : ""];
+    const known = this.axes.flatMap(({ name }, i) => (reached[i] === null ? [] : `now ${name} ${short(reached[i])}`));
+    const texts = [...known, ...(this.isBetween ? ["between evaluated policies"] : []), "", "", ""];
     const [x, y] = this.own;
     const late = x > WIDTH / 2;
     const above = y > HEIGHT / 2;
     this.told.forEach((line, i) => {
       if (line.textContent !== texts[i]) line.textContent = texts[i];
       line.setAttribute("x", late ? x - 12 : x + 12);
-      line.setAttribute("y", above ? y - 22 + 13 * i : y + 16 + 13 * i);
+      line.setAttribute("y", above ? y - 35 + 13 * i : y + 16 + 13 * i);
       line.setAttribute("text-anchor", late ? "end" : "start");
     });
   }
