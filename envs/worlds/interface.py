@@ -56,6 +56,8 @@ class Worlds(ABC):
     quantities: tuple[str, ...] = ()  # with units, that evaluations measure beside returns
     designs: ClassVar[dict[str, DesignParameter]] = {}  # parameters of the robot's body, by name
     lower_is_better: tuple[str, ...] = ()  # those of the quantities that policies should keep low
+    # what people read instead of an objective's name: what there is more of when it is better
+    titles: ClassVar[dict[str, str]] = {"energy": "energy saved", "effort": "effort saved"}
     paper_reset_terms: ClassVar[dict[str, float]] = {}  # for `paper_reset_reward`
     _weights: Tensor  # (terms, m)
 

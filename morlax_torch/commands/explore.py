@@ -15,6 +15,8 @@ class Explore(Trusting):
     run: Annotated[str | None, Positional, arg(metavar="[RUN|NAME]")] = None
     """Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped policy (None:
     the first shipped policy, or the newest run if none is shipped)."""
+    tradeoff: Annotated[str | None, arg(metavar="0.8,0.2")] = None
+    """Weights to open with, or @NAME of a bookmark (None: the balanced trade-off)."""
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
     """Address to listen on; 0.0.0.0 accepts connections from the whole network."""
     port: Annotated[int, arg(metavar="NUMBER")] = 8080
@@ -24,12 +26,13 @@ class Explore(Trusting):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Explore, arguments)
     with cli.Live():
-        from ..runs.loading import trust_run  # imports torch
+        from ..runs.loading import objectives_of, tradeoff_of, trust_run  # imports torch
         from ..viewers.explorer import library
 
         run = options.run or library.first()
         trust_run(run, options.trust, options.env)
-        choice = library.choose(run)
+        choice, text = library.choose(run), options.tradeoff
+        tradeoff = None if text is None else tradeoff_of(text, run, objectives_of(run))
         import torch
 
         from ..host.resources import one_thread
@@ -38,7 +41,7 @@ def command(arguments: Sequence[str]) -> None:
 
     with one_thread(torch.device("cpu")), interruptible() as ended:
         with cli.Live():
-            page = Page(partial(RunExhibit, choice), options.host, options.port)
+            page = Page(partial(RunExhibit, choice, tradeoff=tradeoff), options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(ended)
         page.stop()

@@ -224,6 +224,7 @@ class Evaluator:
             falls,
             blowups if self._knows_blowups else None,
             protocol=self.protocol,
+            titles=tuple(self.env.titles.get(name, name) for name in self.env.objectives),
         )
         if not self.env.quantities:
             return front

@@ -45,7 +45,7 @@ def front_figure(
     mark policies, by index, with letters that the legend explains. `width` is in inches (None: as
     wide as the plots need on a screen).
     """
-    names, m, labels = front.objectives, len(front.objectives), labels or {}
+    names, m, labels = front.shown, len(front.objectives), labels or {}
     size = SIZE if width is None else PRINTED_SIZE
     pairs = conflicting_pairs(front.returns[front.non_dominated], MOST_PAIRS)
     all_pairs = m * (m - 1) // 2
@@ -54,7 +54,7 @@ def front_figure(
     if m == 3 and width is None:  # a plot in 3D is hard to read in print
         figure = style.blank(10.2, 8.2, title)
         grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1])
-        _space(figure.add_subplot(grid[0, :], projection="3d"), front, names)
+        _space(figure.add_subplot(grid[0, :], projection="3d"), front, front.objectives)
         plots = [figure.add_subplot(grid[1, column]) for column in range(3)]
     else:
         plot, room = ((5.4, 4.2), 0.0) if m == 2 else ((3.4, 3.3), 0.8)
@@ -86,8 +86,8 @@ def _pair(
 ) -> None:
     best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     x, y = front.returns[:, pair].T
-    _label(axes, front.objectives, pair)
-    style.points(axes, x, y, best, size, colors[best])
+    _label(axes, front.shown, pair)
+    style.points(axes, x, y, best, size, colors, front.fails)
     style.fit(axes, x, y)
     for name, (index, text) in zip(cycle(ascii_uppercase), labels.items(), strict=False):
         style.letter(axes, name, text, front.returns[index, pair])
@@ -105,7 +105,7 @@ def parallel_figure(front: Front, title: str = "") -> Figure:
     Each axis spans the front's lowest to highest return. A line has the color of the objective
     with the largest weight in its trade-off. Of many policies, MOST_LINES are shown.
     """
-    names, best, shown = front.objectives, front.non_dominated, shown_lines(front)
+    names, best, shown = front.shown, front.non_dominated, shown_lines(front)
     low, high = front.returns[best].min(0), front.returns[best].max(0)
     heights = (front.returns[shown] - low) / np.where(high > low, high - low, 1.0)
     chief = front.tradeoffs[shown].argmax(1)
@@ -152,7 +152,7 @@ def fronts_figure(
     the front, with markers on some of its points. All fronts must have the same objectives.
     """
     best = {name: front.returns[front.non_dominated] for name, front in fronts.items()}
-    names, joined = next(iter(fronts.values())).objectives, np.concatenate([*best.values()])
+    names, joined = next(iter(fronts.values())).shown, np.concatenate([*best.values()])
     pairs = conflicting_pairs(next(iter(best.values())), MOST_PAIRS)
     plot, entries = (4.2, 3.9), len(fronts)
     figure, plots = style.panels(len(pairs), COLUMNS, plot, title, width=width, entries=entries)
@@ -176,7 +176,7 @@ def spaces_figure(front: Front, triples: Sequence[Sequence[str]], title: str = "
     figure = style.blank(6.0 * len(triples), 5.6, title)
     for cell, triple in enumerate(triples, start=1):
         _space(figure.add_subplot(1, len(triples), cell, projection="3d"), front, triple)
-    style.color_key(figure.axes[0], front.objectives, "weight on")
+    style.color_key(figure.axes[0], front.shown, "weight on")
     style.legend_outside(figure)
     return figure
 
@@ -192,8 +192,8 @@ def _space(axes: Any, front: Front, names: Sequence[str]) -> None:
     colors = style.mixed(weights[kept], columns)
     axes.scatter(*returns[kept].T, s=16, c=colors, depthshade=False)
     axes.set(xlim=bounds[0], ylim=bounds[1], zlim=bounds[2])
-    for axis, name in zip("xyz", names, strict=True):
-        getattr(axes, f"set_{axis}label")(style.returned(name), labelpad=10)
+    for axis, k in zip("xyz", columns, strict=True):
+        getattr(axes, f"set_{axis}label")(style.returned(front.shown[k]), labelpad=10)
         getattr(axes, f"{axis}axis").set_major_formatter(style.short)
     axes.locator_params(nbins=5)
     axes.view_init(elev=25, azim=45)
@@ -237,10 +237,10 @@ def quantities_figure(front: Front, title: str = "") -> Figure:
     figure, plots = style.panels(len(others), 2, (4.0, 3.3), title, room=0.8)
     best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     for axes, values, name in zip(plots, others, front.quantity_names[1:], strict=True):
-        style.points(axes, across, values, best, SIZE, colors[best])
+        style.points(axes, across, values, best, SIZE, colors, front.fails)
         style.lattice(axes, front.quantity_names[0], name)
         style.fit(axes, across, values)
-    style.color_key(plots[0], front.objectives)
+    style.color_key(plots[0], front.shown)
     style.legend_outside(figure)
     return figure
 
@@ -252,7 +252,7 @@ def returns_figure(front: Front, title: str = "") -> Figure:
     map of the simplex, whose corners put all weight on one objective. With more, each is plotted
     against its own weight.
     """
-    m, names = len(front.objectives), front.objectives
+    m, names = len(front.objectives), front.shown
     if m == 3:
         return _maps(front, title)
     colors, best = style.of_objectives(m), front.non_dominated
@@ -264,7 +264,7 @@ def returns_figure(front: Front, title: str = "") -> Figure:
         if m == 2:
             order = x.argsort()
             axes.plot(x[order], y[order], color="0.6", lw=0.8)
-        style.points(axes, x, y, best, 10, colors[k])
+        style.points(axes, x, y, best, 10, [colors[k]] * len(x), front.fails)
         tints = colors[across], colors[k]
         style.lattice(axes, style.weight(names[across]), style.returned(names[k]), tints)
         axes.set_ylim(style.limits(y[best]))
@@ -273,7 +273,7 @@ def returns_figure(front: Front, title: str = "") -> Figure:
 
 
 def _maps(front: Front, title: str) -> Figure:
-    names = front.objectives
+    names = front.shown
     figure = style.blank(11.0, 4.0, title)
     simplex = Triangulation(*(front.tradeoffs @ CORNERS).T)
     bar: Any = {"location": "bottom", "shrink": 0.7, "format": style.short}

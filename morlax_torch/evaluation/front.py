@@ -15,8 +15,9 @@ from ..host.files import AnyPath, read, replacing
 from . import pareto
 
 TEXTS = {"fingerprint", "checkpoint", "protocol"}
-NAMES = {"objectives", "quantity_names"}
+NAMES = {"objectives", "quantity_names", "titles"}
 SIGNED = {"returns", "reference_point", "quantities"}
+FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
 EXACT, APPROXIMATE = "hypervolume", "hypervolume_approximate"  # names of the indicator
 
 
@@ -35,12 +36,23 @@ class Front(NamedTuple):
     fingerprint: str = ""  # of the evaluated policies, see `runs.checkpoint`; "": unknown
     checkpoint: str = ""  # file of the evaluated policies, such as "best.pt"; "": unknown
     protocol: Protocol = "latched"
+    titles: tuple[str, ...] = ()  # of objectives, for people; (): their names
 
     @property
     def values(self) -> np.ndarray:
         """(K, m + q) returns, then quantities if they were measured."""
         measured = () if self.quantities is None else (self.quantities,)
         return np.hstack([self.returns, *measured])
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """What people read as the objectives' names: "energy saved"."""
+        return self.titles or self.objectives
+
+    @property
+    def fails(self) -> np.ndarray:
+        """(K,) bool: falls in most episodes"""
+        return np.zeros(len(self.returns), bool) if self.falls is None else self.falls > FAILS
 
     @property
     def non_dominated(self) -> np.ndarray:
@@ -156,9 +168,7 @@ def representatives(front: Front) -> dict[int, str]:
     extent = np.ptp(returns, axis=0)
     scaled = (returns - returns.min(0)) / np.where(extent > 0, extent, 1.0)
     shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-    chosen = {
-        f"best {name}": best[returns[:, k].argmax()] for k, name in enumerate(front.objectives)
-    }
+    chosen = {f"best {name}": best[returns[:, k].argmax()] for k, name in enumerate(front.shown)}
     chosen["knee"] = best[scaled.sum(1).argmax()]
     chosen["balanced"] = np.square(shares - 1 / len(front.objectives)).sum(1).argmin()
     names: dict[int, list[str]] = {}

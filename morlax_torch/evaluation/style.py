@@ -25,6 +25,7 @@ INK = "#495057"
 RUNS = "viridis"  # perceptually uniform, and unlike the colors of objectives
 DOMINATED = {"s": 7, "color": "0.7", "lw": 0, "label": "dominated"}  # crosses mean falls
 NON_DOMINATED = "_non-dominated"  # a label that no legend shows
+FALLS = {"marker": "x", "lw": 0.9, "s": 14, "color": "0.5", "label": "falls in most episodes"}
 MARKERS = "osD^vP<*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
@@ -107,11 +108,15 @@ def short(value: float, position: float = 0) -> str:
     return EngFormatter(sep="")(value)
 
 
-def points(axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, color: Any) -> None:
-    """Draw the points that are `best` in `color`, and the others as dominated."""
-    if not best.all():
-        axes.scatter(x[~best], y[~best], **DOMINATED)
-    axes.scatter(x[best], y[best], s=size, color=color, label=NON_DOMINATED)
+def points(
+    axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, colors: Any, fails: NDArray
+) -> None:
+    """Draw points that are `best` in their colors, others as dominated, and crosses for falls."""
+    for some, look in ((~best & ~fails, DOMINATED), (fails, FALLS)):
+        if some.any():
+            axes.scatter(x[some], y[some], **look)
+    some = best & ~fails
+    axes.scatter(x[some], y[some], s=size, color=np.asarray(colors)[some], label=NON_DOMINATED)
 
 
 def note(axes: Axes, text: str, point: Any, above: bool = True, **style: Any) -> None:

@@ -22,7 +22,7 @@ from ..envs.naming import movable, title
 from ..evaluation import figures
 from ..evaluation.front import Front, hypervolume_in, representatives
 from ..evaluation.requirements import Choice
-from ..evaluation.style import FILES, NON_DOMINATED, of_objectives
+from ..evaluation.style import FALLS, FILES, NON_DOMINATED, of_objectives
 from ..host.files import make_folder, write_file, write_rows
 from ..runs.choosing import CONDITIONS, Trial
 from ..runs.loading import load, load_front
@@ -73,18 +73,19 @@ def width(figure: Figure) -> str:
 
 def chart(figure: Figure, front: Front) -> str:
     """Return a figure of a front as SVG for HTML. page.js shows the policy a user points at."""
-    best = front.non_dominated
-    shown = {NON_DOMINATED: np.flatnonzero(best), "dominated": np.flatnonzero(~best)}
+    best, fails = front.non_dominated, front.fails
+    drawn_as = {NON_DOMINATED: best & ~fails, "dominated": ~best & ~fails, FALLS["label"]: fails}
+    shown = {label: np.flatnonzero(some) for label, some in drawn_as.items()}
     for axes in figure.axes:
         for points in axes.collections:
             if (indices := shown.get(str(points.get_label()))) is not None and axes.name != "3d":
                 points.set_urls([f"#{index}" for index in indices])
     shares = front.tradeoffs / front.tradeoffs.sum(1, keepdims=True)
-    names, values = front.objectives + front.quantity_names, front.values
+    names, values = front.shown + front.quantity_names, front.values
 
     def described(link: re.Match[str]) -> str:
         policy = int(link[1])
-        weights = [f"{n} {w:.2f}" for n, w in zip(front.objectives, shares[policy], strict=True)]
+        weights = [f"{n} {w:.2f}" for n, w in zip(front.shown, shares[policy], strict=True)]
         returns = [f"{n} {v:,.4g}" for n, v in zip(names, values[policy], strict=True)]
         text = escape(f"weights: {', '.join(weights)}; returns: {', '.join(returns)}")
         return f'<a href="#{policy}"><title>{text}</title>'
@@ -212,7 +213,7 @@ def write(
         write_rows(folder / "summary.csv", [heads, *quarters])
     shown = ", ".join(evaluations) if len(runs) <= MOST_NAMES else f"{len(runs)} runs"
     training = {name: facts(run) for name, run in evaluations.items()}
-    objectives = runs[0].front.objectives
+    objectives = runs[0].front.shown
     report = rendered(
         "report.html",
         title=f"{task}: {shown}",

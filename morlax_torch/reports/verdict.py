@@ -54,7 +54,7 @@ def _problem(front: Front) -> str | None:
     returns = front.returns[front.non_dominated]
     narrow = np.ptp(returns, axis=0) <= NARROW * np.abs(returns.max(0) - front.reference_point)
     if narrow.any():
-        names = " and ".join(np.array(front.objectives)[narrow])
+        names = " and ".join(np.array(front.shown)[narrow])
         return f"The returns of the front hardly differ in {names}: {remedy}"
     return None
 
@@ -64,7 +64,7 @@ def unreached(front: Front) -> str | None:
     returns = front.returns[np.isfinite(front.returns).all(1)]
     if not len(returns) or (returns > front.reference_point).all(1).any():
         return None
-    point = zip(front.objectives, map(_plain, front.reference_point), strict=True)
+    point = zip(front.shown, map(_plain, front.reference_point), strict=True)
     text = (
         f"No policy exceeds the reference point ({', '.join(map(' '.join, point))}) in every "
         "objective, so the hypervolume is 0 and shows no progress"
@@ -84,7 +84,7 @@ def unreached(front: Front) -> str | None:
 def _failing_pays(front: Front) -> str:
     """Add a sentence if returns are negative and episodes can end early."""
     finite = front.returns[np.isfinite(front.returns).all(1)]
-    costs = [name for name, most in zip(front.objectives, finite.max(0), strict=True) if most < 0]
+    costs = [name for name, most in zip(front.shown, finite.max(0), strict=True) if most < 0]
     if not costs or _fall_rate(front) == 0:
         return ""
     return (
@@ -104,7 +104,7 @@ def _fall_rate(front: Front) -> float:
 
 def _gain(front: Front) -> str:
     """Say what the front offers, between the two objectives that conflict most."""
-    returns, names = front.returns[front.non_dominated], front.objectives
+    returns, names = front.returns[front.non_dominated], front.shown
     ((one, other),) = conflicting_pairs(returns)
     changes = []
     for k in (one, other):

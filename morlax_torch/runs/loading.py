@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import torch
 import yaml
@@ -32,6 +33,7 @@ RUNS, SHIPPED = Path("runs"), Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
 CRITIC = ("critic.", "value_normalizer.")
 BOOKMARKS = "bookmarks.yaml"  # which people can edit: "calm: [0.2, 0.8]"
+PLAIN: Any = {"default_flow_style": None, "sort_keys": False}  # a line for each bookmark
 
 
 def newest_runs(folder: Path) -> list[Path]:
@@ -310,8 +312,15 @@ def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float]) -> Path:
     """Store a trade-off (m,) under a name, over an earlier one; returns the file."""
     file = check_bookmark(run, name)
     stored = {**bookmarks(run), name: [float(weight) for weight in tradeoff]}
-    write_file(file, yaml.safe_dump(stored, default_flow_style=None, sort_keys=False))
+    write_file(file, yaml.safe_dump(stored, **PLAIN))
     return file
+
+
+def rename_bookmark(run: AnyPath, name: str, new: str) -> None:
+    """Give a bookmark of a run another name; an empty one removes it."""
+    stored = {new if key == name else key: weights for key, weights in bookmarks(run).items()}
+    stored.pop("", None)
+    write_file(check_bookmark(run, new or name), yaml.safe_dump(stored, **PLAIN))
 
 
 def bookmarks(run: AnyPath) -> dict[str, list[float]]:

@@ -1,7 +1,6 @@
 """Descriptions of a task, its model and its front for the page."""
 
 import json
-from collections.abc import Sequence
 from inspect import cleandoc
 from typing import Any
 
@@ -17,7 +16,6 @@ from ..evaluation.front import Front
 from .camera import shown_geoms
 
 VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
-FAILS = 0.5  # share of episodes with a fall, from which on a policy is marked
 SHAPES = (  # what the page draws; see mjModel
     *("geom_type", "geom_bodyid", "geom_group", "geom_matid", "geom_dataid"),
     *("geom_size", "geom_rgba", "geom_pos", "geom_quat", "geom_rbound", "mat_rgba"),
@@ -37,6 +35,7 @@ def described_task(env: Robot) -> dict[str, Any]:
     return {
         "dt": env.dt,
         "objectives": list(env.objectives),
+        "titles": [env.titles.get(name, name) for name in env.objectives],
         "notes": [explain(env, name) for name in env.objectives],
         # whether the command begins with velocities in m/s, forward and to the left
         "velocities": len(names) == 2 and all(name.startswith(VELOCITIES) for name in names),
@@ -68,36 +67,37 @@ def explain(env: Robot, objective: str) -> str:
     return ". ".join(parts) + "."
 
 
-def front_map(front: Front, dt: float, lower_is_better: Sequence[str] = ()) -> dict[str, Any]:
+def front_map(front: Front, env: Robot) -> dict[str, Any]:
     """Describe a front as a map of policies.
 
-    Its axes are the objectives' rewards per second, weighted as in the returns, then measured
-    quantities such as "power (W)"; `pair` are the axes to show first. `measured` are the quantities
-    that can be required; their indices count the objectives first. A control step takes `dt` s.
+    Divide `returns` by `seconds` for rewards per second of a full episode, weighted as in the
+    returns. `measured` are the finite quantities, such as "power (W)"; their indices count the
+    objectives first. `pair` are the axes to show first: quantities if there are two.
     """
-    m, steps = len(front.objectives), front.lengths.clip(1)[:, None]
-    if front.protocol == "discounted":
-        steps = (1 - DISCOUNT**steps) / (1 - DISCOUNT)  # sum of the steps' weights
-    values = np.hstack([front.returns / (dt * steps), front.values[:, m:]])
-    names = [*(f"{name} per second" for name in front.objectives), *front.quantity_names]
+    m, seconds = len(front.objectives), env.dt * env.episode_length
+    if front.protocol == "discounted":  # sum of the steps' weights
+        seconds = env.dt * (1 - DISCOUNT**env.episode_length) / (1 - DISCOUNT)
     falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
-    finite = np.flatnonzero(np.isfinite(values).all(0))
-    values = values.round(4)
+    finite = np.flatnonzero(np.isfinite(front.values).all(0))
+    physical = finite[finite >= m]
+    names = (*front.objectives, *front.quantity_names)
+    low = np.array([name in env.lower_is_better for name in names])
+    axes = physical if len(physical) > 1 else np.arange(m)
+    signed = np.where(low, -front.values, front.values)[front.non_dominated][:, axes]
 
     def measured(i: int) -> dict[str, Any]:
-        lower, numbers = names[i] in lower_is_better, values[:, i].tolist()
-        return {"index": i, "name": names[i], "lower": lower, "values": numbers}
+        values = front.values[:, i].round(4).tolist()
+        return {"index": i, "name": names[i], "lower": bool(low[i]), "values": values}
 
     return {
         "tradeoffs": front.tradeoffs.round(4).tolist(),
-        "axes": [names[i] for i in finite],
-        "values": values[:, finite].tolist(),
         "returns": front.returns.round(2).tolist(),
-        "measured": [measured(int(i)) for i in finite[finite >= m]],
+        "seconds": seconds,
+        "measured": [measured(int(i)) for i in physical],
         "best": front.non_dominated.tolist(),
-        "fails": (falls > FAILS).tolist(),
+        "fails": front.fails.tolist(),
         "falls": falls.round(4).tolist(),
-        "pair": pareto.conflicting_pairs(front.returns[front.non_dominated])[0],
+        "pair": axes[list(pareto.conflicting_pairs(signed)[0])].tolist(),
         "checkpoint": front.checkpoint,
     }
 

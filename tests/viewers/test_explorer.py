@@ -180,7 +180,7 @@ def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     assert time.perf_counter() - began < 1
     assert thresholds.state()["searching"]
     wait()
-    expected = choosing.Chooser(policy, front).choose({"run": middle}, "run")
+    expected = choosing.Chooser(policy, front).choose({"run": middle}, "energy")
     assert found == [expected.tradeoff]
     assert thresholds.state()["found"]["returns"] == expected.returns
     thresholds.require(1, 1e9)  # is cut to the front's best
@@ -221,30 +221,55 @@ def test_files_are_written_while_the_robots_go_on(tmp_path, make_run):
         requests.get(timeout=PATIENCE)()
     press(exhibit, "card")
     assert saved(exhibit) == f"written: {run / 'decision.html'}"
-    assert "As much run as possible" in (run / "decision.html").read_text()
+    assert "As much jump as possible" in (run / "decision.html").read_text()
 
 
-def test_the_map_has_returns_per_second_and_physical_quantities(make_front):
+class Task:
+    """What a map takes from a task with episodes of 10 s."""
+
+    dt, episode_length, lower_is_better = 0.05, 200, ("power (W)",)
+
+
+def test_the_map_has_returns_and_physical_quantities(make_front):
     front = make_front(("run", "energy"))
     power = np.linspace(1.0, 2.0, len(front.returns))[:, None]
-    front = front._replace(quantities=power, quantity_names=("power (W)",))
-    sent = front_map(front, 0.05, ["power (W)"])
+    sent = front_map(front._replace(quantities=power, quantity_names=("power (W)",)), Task())
     (measured,) = sent["measured"]
     assert measured.pop("values") == pytest.approx(power[:, 0].tolist(), abs=1e-4)
     assert measured == {"index": 2, "name": "power (W)", "lower": True}
-    assert sent["axes"] == ["run per second", "energy per second", "power (W)"]
-    np.testing.assert_allclose(np.array(sent["values"])[:, 0], front.returns[:, 0] / 10, atol=1e-4)
-    np.testing.assert_allclose(np.array(sent["values"])[:, 2], power[:, 0], atol=1e-4)
+    np.testing.assert_allclose(sent["returns"], front.returns, atol=0.01)
+    assert sent["seconds"] == pytest.approx(10)
     assert sorted(sent["pair"]) == [0, 1] and not any(sent["fails"])
-    sent = front_map(front._replace(falls=np.array([0.0, 0.25, 0.0, 1.0])), dt=0.05)
+    # two quantities come first
+    both = np.hstack([power, 3 * power])
+    sent = front_map(front._replace(quantities=both, quantity_names=("power (W)", "v")), Task())
+    assert sorted(sent["pair"]) == [2, 3]
+    both[0, 1] = np.nan  # of a policy that fell at once
+    sent = front_map(front._replace(quantities=both, quantity_names=("power (W)", "v")), Task())
+    assert [one["name"] for one in sent["measured"]] == ["power (W)"]
+    sent = front_map(front._replace(falls=np.array([0.0, 0.25, 0.0, 1.0])), Task())
     assert sent["fails"] == [False, False, False, True] and sent["falls"] == [0, 0.25, 0, 1]
 
 
-def test_the_map_of_discounted_returns_has_rewards_per_second_too(make_front):
-    front = make_front(("run", "energy"))  # of 200 steps
-    ones = np.full_like(front.returns, sum(0.99**t for t in range(200)))
-    sent = front_map(front._replace(returns=ones, protocol="discounted"), dt=0.05)
-    np.testing.assert_allclose(sent["values"], 1 / 0.05)
+def test_the_map_of_discounted_returns_counts_seconds_as_they_do(make_front):
+    sent = front_map(make_front(("run", "energy"))._replace(protocol="discounted"), Task())
+    assert sent["seconds"] == pytest.approx(0.05 * sum(0.99**t for t in range(200)))
+
+
+def test_twins_start_alike_and_stay_in_step():
+    exhibit = RunExhibit(library.choose("ant"), pytest.fail, (1.0, 3.0))
+    assert exhibit.robots[0].tradeoff == (0.25, 0.75)
+    press(exhibit, "push")
+    play(exhibit.robots[0], 0.2)
+    for names in (["add"], ["reset", "push"]):
+        for name in names:
+            press(exhibit, name)
+        for now in np.arange(0.0, 0.3, 0.017):
+            for robot in exhibit.robots:
+                robot.advance(now)
+        first, second = exhibit.robots
+        assert first.steps == second.steps > 0
+        np.testing.assert_array_equal(first.data.qpos, second.data.qpos)
 
 
 def test_a_state_that_is_not_finite_is_not_sent(session):

@@ -260,8 +260,8 @@ def test_robots_are_compared_and_chosen_without_a_server(visit):
 
     names = page.locator("#names span")
     press("add a robot")
-    press("energy")
-    expect(names).to_have_text(["1: 1.00, 0.00, 0.00", "2: 0.00, 1.00, 0.00"])
+    press("energy saved")
+    expect(names).to_have_text(["1: run 100 %", "2: energy saved 100 %"])
     expect(page.locator("#front .mark")).to_have_count(2)
     runs(page)
     press("remove")
@@ -271,7 +271,7 @@ def test_robots_are_compared_and_chosen_without_a_server(visit):
     least = page.locator("#levels input").first
     least.press("End")
     page.wait_for_selector("#found[data-state=found]")
-    assert page.inner_text("#found").startswith("Evaluated returns: run ")
+    assert page.inner_text("#found").startswith("Best evaluated policy: run per second ")
     assert page.locator("#front .out").count() > 10
     page.locator("#levels input").nth(1).press("End")
     page.wait_for_selector("#found[data-state=missed]")

@@ -122,6 +122,14 @@ class Bruce(Environment):
 
     Options = BruceOptions
     options: BruceOptions
+    titles = {
+        "joints": "joint tracking",
+        "base": "base tracking",
+        "swing": "arm swing",
+        "rigid": "still arms",
+        "smooth": "smoothness",
+        "energy": "energy saved",
+    }
 
     def __init__(
         self, physics: Physics, options: BruceOptions, seed: int = 0, auto_reset: bool = True

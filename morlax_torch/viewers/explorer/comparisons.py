@@ -30,7 +30,7 @@ class Comparison:
         self._pair = self._preference.pair()
         for session, policy in zip(self.robots, self._pair, strict=True):
             session.tradeoff = tuple(self._front.tradeoffs[policy].tolist())
-            session.reset()
+            session.reset(self._answers)
         self._evidence = {
             "best_tradeoff": self.best_tradeoff,
             "possible": self._preference.possible().tolist(),  # indices on the front

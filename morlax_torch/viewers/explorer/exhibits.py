@@ -11,9 +11,10 @@ from typing import Any
 from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
+from ...host.phases import heard_by
 from ...networks.policy import Policy
 from ...runs.choosing import Chooser
-from ...runs.loading import bookmark, bookmarks, evaluate, own_folder
+from ...runs.loading import bookmark, bookmarks, evaluate, own_folder, rename_bookmark
 from . import library
 from .comparisons import Comparison
 from .session import Put, Session, Weights
@@ -46,6 +47,9 @@ class Thresholds:
         self._chooser = cache(partial(Chooser, session.player.policy, front))  # takes a while
         self.names = *front.objectives, *front.quantity_names
         self.searching = False
+        self.current: object = None  # the search that goes on; another one ends without a result
+        self._rounds, self._began = 0, 0.0  # of its simulations, and when the current one began
+        self.progress: dict[str, float] = {}  # of the search
         self.levels: dict[int, float] = {}  # required values by index
         self.maximized = 0  # index of a value
         self.choice: Choice | None = None
@@ -62,6 +66,7 @@ class Thresholds:
             "levels": {str(index): level for index, level in self.levels.items()},
             "maximized": self.maximized,
             "searching": self.searching and bool(self.levels),
+            "progress": self.progress,
             "found": choice,
             "reason": self.reason,
         }
@@ -78,6 +83,9 @@ class Thresholds:
             self.levels.pop(index, None)
         else:
             self.levels[index] = float(min(max(level, values.min()), values.max()))
+        free = (i for i, name in enumerate(self.names) if name not in self._lower)
+        if self.maximized in self.levels:
+            self.maximized = next((i for i in free if i not in self.levels), self.maximized)
         self.search()
 
     def _wanted(self) -> Wanted:
@@ -89,16 +97,31 @@ class Thresholds:
 
     def search(self) -> None:
         """Search for the trade-off that meets the thresholds, now or after the current search."""
-        self.choice, self.reason = None, ""
+        self.choice, self.reason, self.progress = None, "", {}
+        search = self.current = object()
         if self.levels and not self.searching:
-            self.searching, wanted = True, self._wanted()
-            end = partial(self._end, wanted)
-            _aside(lambda: self._chooser().choose(*wanted), self._put, end)
+            self.searching, self._rounds, wanted = True, 0, self._wanted()
 
-    def _end(self, wanted: Wanted, done: Future[Choice]) -> None:
+            def work() -> Choice:
+                with heard_by(partial(self._hear, search)):
+                    return self._chooser().choose(*wanted)
+
+            _aside(work, self._put, partial(self._end, search))
+
+    def _hear(self, search: object, doing: str, share: float | None) -> None:
+        """Note what a search does; end one that nobody waits for. Called in its thread."""
+        if search is not self.current:
+            raise MorlaxError("the search was canceled.")
+        now, share = time.monotonic(), share or 0.0
+        if share < self.progress.get("share", 1.0):  # another round of simulations
+            self._rounds, self._began = self._rounds + 1, now
+        left = (now - self._began) * (1 / max(share, 0.01) - 1)
+        self.progress = {"round": self._rounds, "share": share, "left": left}
+
+    def _end(self, search: object, done: Future[Choice]) -> None:
         """Steer to the choice, or store the error; search again if the thresholds have changed."""
         self.searching = False
-        if wanted != self._wanted():
+        if self.current not in (search, None):
             return self.search()
         try:
             self.choice = done.result()
@@ -115,11 +138,13 @@ class RunExhibit:
     the robots.
     """
 
-    def __init__(self, choice: library.Choice, put: Put):
+    def __init__(self, choice: library.Choice, put: Put, tradeoff: Weights | None = None):
         self._put, self._scanned = put, -SCAN
         self._labels: dict[str, str] = {}  # of runs to choose from
         self._measuring = False
         self._open(choice, Session.open(choice))
+        if tradeoff is not None:
+            self._steer(tradeoff)
 
     def _open(self, choice: library.Choice, session: Session) -> None:
         self._choice, self._sessions, self._selected = choice, [session], 0
@@ -128,7 +153,7 @@ class RunExhibit:
         # shipped policies keep none
         self._bookmarks = bookmarks(choice.run) if own_folder(choice.run) else None
         self._asking: Comparison | None = None
-        self._rounds = 0
+        self._rounds = self._episodes = 0
         self._front: Front | None = None  # that thresholds refer to
         self._chosen: Thresholds | None = None
 
@@ -163,9 +188,8 @@ class RunExhibit:
         sessions = {*self._sessions, *self.robots}
         match request:
             case {"act": "steer", "weights": weights} if len(weights) == len(steered.objectives):
-                total = sum(weights)
-                if min(weights) >= 0 and 0 < total < float("inf"):
-                    self._steer(tuple(weight / total for weight in weights))
+                if min(weights) >= 0 and 0 < sum(weights) < float("inf"):
+                    self._steer(weights)
             case {"act": "tell", "index": i, "value": value} if i < len(command):
                 for session in sessions:
                     session.tell(i, value)
@@ -194,9 +218,11 @@ class RunExhibit:
             case {"act": "bookmark", "name": name}:
                 bookmark(self._choice.run, name, steered.tradeoff)
                 self._bookmarks = bookmarks(self._choice.run)
+            case {"act": "rename", "name": name, "new": new} if name in (self._bookmarks or ()):
+                rename_bookmark(self._choice.run, name, new)
+                self._bookmarks = bookmarks(self._choice.run)
             case {"name": "reset"}:
-                for session in self.robots:
-                    session.reset()
+                self._restart()
             case {"name": "push"}:
                 for session in sessions:
                     session.push()
@@ -207,6 +233,8 @@ class RunExhibit:
                 self._selected = min(self._selected, len(self._sessions) - 1)
             case {"name": "free"} if thresholds is not None:
                 thresholds.stop()
+            case {"name": "cancel"} if thresholds is not None:
+                thresholds.current = None
             case {"name": "measure"} if self._stale:
                 self._measure()
             case {"name": "export"}:
@@ -230,8 +258,8 @@ class RunExhibit:
                     self._steer(self._asking.best_tradeoff)
                 self._asking = None
 
-    def _steer(self, tradeoff: Weights) -> None:
-        self._steered.tradeoff = tradeoff
+    def _steer(self, weights: Sequence[float]) -> None:
+        self._steered.tradeoff = tuple(weight / sum(weights) for weight in weights)
 
     def _add(self) -> None:
         """Add a robot with the selected one's trade-off and select it; all start anew."""
@@ -239,8 +267,13 @@ class RunExhibit:
             raise MorlaxError(f"the page shows at most {MOST} robots: remove one first.")
         self._sessions.append(self._steered.twin())
         self._selected = len(self._sessions) - 1
-        for session in self._sessions:
-            session.reset()
+        self._restart()
+
+    def _restart(self) -> None:
+        """Start an episode of all robots, which begin and are disturbed alike."""
+        self._episodes += 1
+        for session in self.robots:
+            session.reset(self._episodes)
 
     def _reshape(self, index: int, value: float) -> None:
         """Set one design parameter of all robots; it is clamped to its range."""

@@ -25,7 +25,7 @@ SLOWEST = 0.05  # playback speed
 _log = logging.getLogger(__name__)
 
 Button = Literal[
-    *("reset", "push", "add", "remove", "free", "export", "card", "measure"),
+    *("reset", "push", "add", "remove", "free", "cancel", "export", "card", "measure"),
     *("find", "skip", "use", "again", "leave"),
 ]
 ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else is ignored
@@ -45,6 +45,7 @@ ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else 
     "maximize": {"index": NonNegativeInt},
     "answer": {"preferred": Literal[0, 1]},  # A or B
     "bookmark": {"name": str},  # of the selected robot's trade-off
+    "rename": {"name": str, "new": str},  # a bookmark; an empty new name removes it
 }
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 _model: Any = create_model  # a type checker cannot follow fields that a table has

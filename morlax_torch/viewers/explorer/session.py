@@ -62,6 +62,7 @@ class Session:
         twin = type(self)(self.player.policy, self.front)
         twin._opened, twin.robot, twin.tradeoff = self._opened, self.robot, self.tradeoff
         twin.player.command = list(self.player.command)
+        twin._clock, twin._due = self._clock, self._due
         return twin
 
     @property
@@ -118,7 +119,11 @@ class Session:
         player.step()
         self.steps = player.steps
 
-    def reset(self) -> None:
+    def reset(self, seed: int | None = None) -> None:
+        """Start an episode; those of twins with one seed begin and are disturbed alike."""
+        if seed is not None:
+            self.player.env.reseed(seed)
+            self._directions = np.random.default_rng(seed)
         self.player.reset()
         self.steps = 0
 
@@ -142,7 +147,7 @@ class Session:
             "title": title(policy.config.env),
             "command": {"limits": env.command_limits} if env.command_limits else None,
             "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
-            "front": None if front is None else front_map(front, env.dt, env.lower_is_better),
+            "front": None if front is None else front_map(front, env),
             **described_task(env),
         }
 

@@ -3,13 +3,18 @@
 import { Recorded } from "./engines/recorded.js";
 import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
+import { help } from "./panel/help.js";
 import { Panel } from "./panel/panel.js";
 import { $, html, icon } from "./pictures.js";
 import { Talk } from "./panel/talk.js";
 import { Capture } from "./stage/capture.js";
+import { present as unit } from "./panel/units.js";
 import { even, parsed, shown } from "./tradeoffs.js";
 
 const PACES = [1, 0.5, 0.25];
+const WORDS = { play: "continue", reset: "restart", photo: "picture" }; // others are named as their icon
+const TURNS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const TURN = 0.1; // radians of the camera per key
 const query = new URLSearchParams(location.search);
 const remote = document.documentElement.dataset.engine === "remote";
 const state = {
@@ -216,7 +221,7 @@ function showPlayback(engine, stage) {
   $("timeline").max = past.length - 1;
   if (moment === null) $("timeline").value = past.length - 1;
   label("pause", stopped ? "Continue (space)" : "Pause (space)", stopped ? "play" : "pause");
-  $("pace").textContent = `${pace}×`;
+  $("pace").replaceChildren(html("span", { className: "icon", textContent: `${pace}×` }), word("speed"));
 }
 
 /** Show a sentence above the robots, for as long as it takes to read, or until the next one. */
@@ -261,11 +266,26 @@ function wireControls() {
     state.stage.moment = state.from;
     state.played = 0;
   });
+  const select = (robot) => robot < state.engine.robots.length && state.engine.select(robot);
+  Object.assign(actions, {
+    help,
+    balance: () => $("balance").click(),
+    unit: () => state.panel.measureBy(unit() === "second" ? "episode" : "second"),
+    ...Object.fromEntries([0, 1, 2, 3].map((robot) => [robot, () => select(robot)])),
+  });
+  $("keys-button").addEventListener("click", help);
+  $("view").addEventListener("keydown", (event) => {
+    const [across, up] = TURNS[event.key] ?? [];
+    if (across === undefined) return;
+    state.stage.turn(across * TURN, up * TURN);
+    event.preventDefault();
+  });
   // Space presses a button that has the focus, but a click is not to keep it
   addEventListener("click", ({ detail, target }) => detail && target.closest("button, summary")?.blur());
-  const keys = { " ": "pause", p: "push", r: "reset", c: "camera" };
+  const keys = { " ": "pause", p: "push", r: "reset", c: "camera", b: "balance", u: "unit", "?": "help" };
+  for (const number of [1, 2, 3, 4]) keys[number] = String(number - 1);
   addEventListener("keydown", (event) => {
-    if (!state.engine || event.ctrlKey || event.metaKey || event.altKey || isOwn(event)) return;
+    if (!state.engine || $("help").open || event.ctrlKey || event.metaKey || event.altKey || isOwn(event)) return;
     const button = keys[event.key.toLowerCase()];
     if (button) actions[button]();
     if (button || state.talk.press(event.key) || press(state.engine, event.key)) event.preventDefault();
@@ -300,10 +320,13 @@ function download(data, ending) {
   URL.revokeObjectURL(address);
 }
 
-/** Give a button a title and an icon. */
+/** Give a button a title, an icon and a word. */
 function label(button, title, picture = button) {
-  Object.assign($(button), { title, ariaLabel: title }).replaceChildren(icon(picture));
+  Object.assign($(button), { title, ariaLabel: title });
+  $(button).replaceChildren(icon(picture), word(WORDS[picture] ?? picture));
 }
+
+const word = (textContent) => html("span", { className: "word", textContent });
 
 /** Follow the system's light or dark theme, until the visitor switches. */
 function followTheme() {

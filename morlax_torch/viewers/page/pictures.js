@@ -53,7 +53,7 @@ export function icon(name) {
   return svg("svg", { viewBox: "0 0 24 24", class: "icon" }, svg("path", { d: ICONS[name] }));
 }
 
-/** Call `choose([x, y])`, in the drawing's own units, where a visitor clicks or drags, else `hover`. */
+/** Call `choose([x, y], begins)`, in the drawing's own units, where a visitor clicks or drags, else `hover`. */
 export function onDrag(drawing, choose, hover = () => {}) {
   const place = (event) => {
     const point = new DOMPoint(event.clientX, event.clientY);
@@ -62,10 +62,10 @@ export function onDrag(drawing, choose, hover = () => {}) {
   };
   drawing.addEventListener("pointerdown", (event) => {
     drawing.setPointerCapture(event.pointerId);
-    choose(place(event));
+    choose(place(event), true);
   });
   drawing.addEventListener("pointermove", (event) => {
-    (event.buttons ? choose : hover)(place(event));
+    (event.buttons ? choose : hover)(place(event), false);
   });
 }
 
@@ -86,6 +86,13 @@ export function short(value) {
     if (Math.abs(value) >= size) return `${Number((value / size).toPrecision(3))}${letter}`;
   }
   return `${Number(value.toPrecision(3))}`;
+}
+
+/** Format a number with about four digits; a dash if it is unknown. */
+export function amount(value) {
+  const size = Math.abs(value);
+  if (!Number.isFinite(size)) return "–";
+  return size >= 1e5 ? short(value) : value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2);
 }
 
 /** Format a share; one that is not zero is not shown as zero. */

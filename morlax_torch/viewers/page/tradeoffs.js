@@ -40,20 +40,31 @@ export function parsed(text, m) {
 /** Format a trade-off for `parsed`. */
 export const shown = (weights) => weights.map((w) => Number(w.toFixed(3))).join(",");
 
-/** Return the values that can be required of a front's policies: returns, then measured quantities. */
-export function requirable({ objectives, front }) {
-  const returns = objectives.map((name, index) => {
-    return { index, name, lower: false, values: front.returns.map((row) => row[index]) };
-  });
-  return [...returns, ...front.measured];
+/** Say a trade-off in a few words: its largest weights. */
+export function summary(weights, titles) {
+  if (Math.max(...weights) - Math.min(...weights) < 0.005) return "balance";
+  const order = weights.map((_, i) => i).sort((a, b) => weights[b] - weights[a]);
+  const parts = order.filter((i) => weights[i] >= 0.005).map((i) => `${titles[i]} ${Math.round(100 * weights[i])} %`);
+  return parts.length > 2 ? `${parts.slice(0, 2).join(", ")}, …` : parts.join(", ");
 }
 
 /** Return the indices of the front's policies that keep required levels, by index of the value. */
-export function keeping(about, levels) {
-  const limits = requirable(about).filter(({ index }) => index in levels);
+export function keeping({ front, objectives }, levels) {
+  const measured = Object.fromEntries(front.measured.map((quantity) => [quantity.index, quantity]));
   const keeps = (policy) =>
-    limits.every(({ index, lower, values }) => {
-      return lower ? values[policy] <= levels[index] : values[policy] >= levels[index];
+    Object.entries(levels).every(([index, level]) => {
+      if (index < objectives.length) return front.returns[policy][index] >= level;
+      const { lower, values } = measured[index];
+      return lower ? values[policy] <= level : values[policy] >= level;
     });
-  return about.front.returns.map((_, policy) => policy).filter(keeps);
+  return front.returns.map((_, policy) => policy).filter(keeps);
+}
+
+/** Return the squared distance of two points. */
+export const distance = (a, b) => a.reduce((sum, x, i) => sum + (x - b[i]) ** 2, 0);
+
+/** Return the index of the item with the lowest score. */
+export function lowest(items, score) {
+  const scores = items.map(score);
+  return scores.indexOf(Math.min(...scores));
 }

@@ -181,7 +181,7 @@ def write_robot(run: str, folder: Path, device: str | None = None) -> dict[str, 
     front = front_of(run, policy, device)
     policy.cpu()
     heading = {"title": title(policy.config.env), "objectives": list(policy.objectives)}
-    drawn = {"front": front_map(front, env.dt, env.lower_is_better), "bookmarks": bookmarks(run)}
+    drawn = {"front": front_map(front, env), "bookmarks": bookmarks(run)}
     everything = {**heading, **described(env, traced, model), **drawn}
     (folder / "run.json").write_text(json.dumps(everything, separators=(",", ":")))
     return heading

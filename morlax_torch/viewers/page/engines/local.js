@@ -1,6 +1,6 @@
 // Moves robots in this browser: the page needs no server. See `Remote` for the other engine.
 
-import { MOST, keeping, requirable } from "../tradeoffs.js";
+import { MOST, keeping } from "../tradeoffs.js";
 import { Simulation } from "./simulation.js";
 
 const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
@@ -65,7 +65,8 @@ export class Local {
   }
 
   press(name) {
-    if (name === "push") for (const robot of this.robots) robot.push();
+    const kick = name === "push" && this.steered.kick(); // the same of all, so that twins stay in step
+    if (kick) for (const robot of this.robots) robot.push(kick);
     if (name === "reset") this.resets = true;
     if (name === "free") this.#choose({}, this.choosing.maximized);
     if (name === "add" && this.robots.length < MOST) this.#show([...this.robots, this.steered.twin()]);
@@ -78,7 +79,10 @@ export class Local {
   /** Require a return or a measured quantity; null: any. */
   require(index, level) {
     const { [index]: _, ...others } = this.choosing.levels;
-    this.#choose(level === null ? others : { ...others, [index]: level }, this.choosing.maximized);
+    const levels = level === null ? others : { ...others, [index]: level };
+    const free = this.about.objectives.findIndex((_, i) => !(i in levels));
+    const { maximized } = this.choosing;
+    this.#choose(levels, maximized in levels && free >= 0 ? free : maximized);
   }
 
   maximize(index) {
@@ -92,7 +96,8 @@ export class Local {
     if (!this.paused) this.due += Math.min(elapsed, MOST_DELAY) * this.pace;
     if (this.resets) {
       this.resets = false;
-      for (const robot of this.robots) robot.reset();
+      const start = Math.floor(Math.random() * this.about.starts.length); // twins begin alike
+      for (const robot of this.robots) robot.reset(start);
       this.listener.step();
     }
     const begin = performance.now();
@@ -134,16 +139,15 @@ export class Local {
       this.choosing.reason = "no evaluated policy keeps all of this";
       return;
     }
-    const numbers = requirable(this.about);
-    const { values } = numbers.find(({ index }) => index === maximized);
+    const { objectives, front } = this.about;
+    const quantity = front.measured.find(({ index }) => index === maximized);
+    const values = quantity?.values ?? front.returns.map((row) => row[maximized]);
     const best = kept.reduce((a, b) => (values[b] > values[a] ? b : a));
-    const named = (some) => Object.fromEntries(some.map(({ name, values }) => [name, values[best]]));
-    const m = this.about.objectives.length;
-    const [returns, quantities] = [named(numbers.slice(0, m)), named(numbers.slice(m))];
-    const { tradeoffs, falls } = this.about.front;
-    const tradeoff = tradeoffs[best];
+    const returns = Object.fromEntries(objectives.map((name, i) => [name, front.returns[best][i]]));
+    const quantities = Object.fromEntries(front.measured.map(({ name, values }) => [name, values[best]]));
+    const [tradeoff, falls] = [front.tradeoffs[best], front.falls[best]];
     const cost = Math.max(...values) - values[best];
-    this.choosing.found = { tradeoff, returns, quantities, cost, falls: falls[best], simulated: 0 };
+    this.choosing.found = { tradeoff, returns, quantities, cost, falls, simulated: 0 };
     this.steer(tradeoff);
   }
 }

@@ -28,6 +28,7 @@ export class Remote {
       maximize: ["index"],
       answer: ["preferred"],
       bookmark: ["name"],
+      rename: ["name", "new"],
     };
     for (const [act, names] of Object.entries(acts)) {
       Remote.prototype[act] = function (...values) {

@@ -130,12 +130,17 @@ export class Simulation {
     return this.last;
   }
 
-  /** Add a sudden velocity in a random horizontal direction. */
-  push() {
+  /** Return a sudden velocity in a random horizontal direction. */
+  kick() {
     const { pushed, push } = this.about;
     const kick = pushed.map(normal);
     const size = Math.hypot(...kick);
-    pushed.forEach((dof, i) => (this.data.qvel[dof] += (push * kick[i]) / size));
+    return kick.map((part) => (push * part) / size);
+  }
+
+  /** Add a sudden velocity. */
+  push(kick) {
+    this.about.pushed.forEach((dof, i) => (this.data.qvel[dof] += kick[i]));
   }
 
   /** Free the memory outside JavaScript; that of policy and model only if no twin is left. */

@@ -2,6 +2,7 @@
 
 import { $, chip, isNews, short } from "../pictures.js";
 import { robotColor } from "../tradeoffs.js";
+import { inUnit, present, valuesOf } from "./units.js";
 
 const SIDES = ["A", "B"];
 const ENDS = { use: "use this trade-off", again: "start again", leave: "back" };
@@ -17,7 +18,7 @@ export class AskingPanel {
 
   show() {
     const { asking } = this.engine;
-    if (!isNews(this, asking)) return;
+    if (!isNews(this, asking, present())) return;
     $("asking-section").hidden = !asking;
     document.body.classList.toggle("asking", Boolean(asking));
     if (!asking) return;
@@ -29,19 +30,21 @@ export class AskingPanel {
 
   /** Say what A and B of the question before earn. */
   #told(told) {
-    const { front, objectives } = this.engine.about;
+    const { about } = this.engine;
     if (!told) return "";
     const lines = told.policies.map((policy, side) => {
-      const sums = objectives.map((name, i) => `${name} ${short(front.returns[policy][i])}`);
-      return `${SIDES[side]}: ${sums.join(", ")}`;
+      const parts = valuesOf(about).map((value) => {
+        return `${value.name} ${short(inUnit(value, value.values[policy], about))}`;
+      });
+      return `${SIDES[side]}: ${parts.join(", ")}`;
     });
-    return `You preferred ${SIDES[told.preferred]}. Returns: ${lines.join("; ")}.`;
+    return `You preferred ${SIDES[told.preferred]}. Per ${present()}: ${lines.join("; ")}.`;
   }
 
   /** Say which policy the visitor seems to like, and how sure that is. */
   #evidence({ answers, best_tradeoff: weights, confidence, left }) {
     if (!answers) return "";
-    const parts = this.engine.about.objectives.map((name, i) => `${name} ${weights[i].toFixed(2)}`);
+    const parts = this.engine.about.titles.map((name, i) => `${name} ${weights[i].toFixed(2)}`);
     const rest = left ? `about ${left} more question${left > 1 ? "s" : ""}` : "that is enough";
     return `You seem to like ${parts.join(", ")} (${Math.round(100 * confidence)} % sure; ${rest}).`;
   }

@@ -1,24 +1,21 @@
-// Choose a trade-off by what its policy must reach: returns of an episode, or measured quantities.
+// Choose a trade-off by what its policy must reach: returns, or measured quantities.
 
 import { $, isNews, percent, short } from "../pictures.js";
-import { colorOf, requirable } from "../tradeoffs.js";
 import { Sliders } from "./sliders.js";
+import { inUnit, named, present, valuesOf } from "./units.js";
 
 export class ChoosingPanel {
-  /** @param settled called when thresholds have changed. */
+  /** @param settled called with the index of a value whose threshold has changed, or that is maximized. */
   constructor(engine, settled) {
-    this.engine = engine;
-    this.numbers = requirable(engine.about);
-    const rising = this.numbers.filter(({ lower }) => !lower);
-    $("maximize").replaceChildren(...rising.map(({ name, index }) => new Option(name, index)));
+    Object.assign(this, { engine, settled });
+    this.numbers = valuesOf(engine.about);
     $("maximize").onchange = () => {
       engine.maximize(Number($("maximize").value));
-      settled();
+      settled(Number($("maximize").value));
     };
     $("free").onclick = () => engine.press("free");
-    const m = engine.about.objectives.length;
-    const colors = this.numbers.map((_, i) => (i < m ? colorOf(i) : "var(--ink)"));
-    this.rows = this.numbers.map((number, i) => rowOf(number, colors[i]));
+    $("cancel").onclick = () => engine.press("cancel");
+    this.rows = this.numbers.map((number) => this.#rowOf(number));
     this.asked = {}; // shown while a visitor drags
     const move = (i, value) => {
       this.asked[i] = value;
@@ -26,11 +23,9 @@ export class ChoosingPanel {
     };
     const done = () => {
       for (const [i, value] of Object.entries(this.asked)) {
-        engine.require(this.numbers[i].index, isFree(this.rows[i], value) ? null : value);
+        this.require(this.numbers[i].index, isFree(this.rows[i], value) ? null : value);
       }
       this.asked = {};
-      this.facts = null;
-      settled();
     };
     this.sliders = new Sliders(this.rows, move, done);
     this.sliders.inputs.forEach((input, i) => {
@@ -40,14 +35,27 @@ export class ChoosingPanel {
     $("levels").replaceChildren(...this.sliders.elements);
   }
 
+  /** Require a value, by its index; null: any. */
+  require(index, level) {
+    this.engine.require(index, level);
+    $("choosing-section").open = true;
+    this.facts = null;
+    this.settled(index);
+  }
+
   show() {
     const { choosing } = this.engine;
-    if (!choosing || Object.keys(this.asked).length || !isNews(this, choosing)) return;
+    if (!choosing || Object.keys(this.asked).length || !isNews(this, choosing, present())) return;
+    const { levels, maximized, searching, found, reason, progress } = choosing;
     this.sliders.show(this.#values());
-    $("maximize").value = choosing.maximized;
-    $("free").hidden = !Object.keys(choosing.levels).length;
-    $("found").textContent = this.#result(choosing);
-    const { found, reason } = choosing;
+    const offered = this.numbers.filter(({ lower, index }) => !lower && (index === maximized || !(index in levels)));
+    $("maximize").replaceChildren(...offered.map(({ name, index }) => new Option(name, index)));
+    $("maximize").value = maximized;
+    $("free").hidden = !Object.keys(levels).length;
+    $("search").hidden = !searching;
+    $("search-share").value = progress?.share ?? 0;
+    $("search-left").textContent = told(progress);
+    $("found").textContent = searching ? "" : this.#result(choosing);
     $("found").dataset.state = reason || found?.falls ? "missed" : found ? "found" : "";
   }
 
@@ -56,32 +64,46 @@ export class ChoosingPanel {
     return this.numbers.map(({ index }, i) => this.asked[i] ?? levels[index] ?? this.rows[i].rest);
   }
 
-  #result({ searching, found, reason, levels, maximized }) {
-    if (searching) return "Simulating policies…";
+  /** Say in one line what was found, its margins and its cost. */
+  #result({ found, reason, levels, maximized }) {
     if (reason) return `${reason[0].toUpperCase()}${reason.slice(1).replace(/\.$/, "")}.`;
     if (!found) return "";
-    const listed = (values) => values.map(([name, value]) => `${name} ${short(value)}`).join(", ");
-    const how = found.simulated ? "Simulated" : "Evaluated";
-    const used = this.numbers.filter(({ index }) => index in levels || index === maximized);
-    const quantities = used.filter(({ name }) => name in found.quantities);
-    const measured = listed(quantities.map(({ name }) => [name, found.quantities[name]]));
-    const { name } = this.numbers.find(({ index }) => index === maximized);
-    return [
-      `${how} returns: ${listed(Object.entries(found.returns))}.`,
-      ...(measured ? [`Measured: ${measured}.`] : []),
-      ...(found.cost > 0 ? [`This costs ${short(found.cost)} of ${name}.`] : []),
-      ...(found.falls ? [`It falls in ${percent(found.falls)} of its episodes, which breaks every requirement.`] : []),
-    ].join(" ");
+    const { about } = this.engine;
+    const show = (number, value) => short(inUnit(number, value, about));
+    const all = { ...found.returns, ...found.quantities };
+    const parts = this.numbers.flatMap((number) => {
+      const { index, key, lower } = number;
+      if (index === maximized) return [`${named(number)} ${show(number, all[key])}`];
+      if (!(index in levels)) return [];
+      const spare = Math.abs(all[key] - levels[index]);
+      return [`${named(number)} ${show(number, all[key])} (${show(number, spare)} ${lower ? "below" : "above"} the limit)`];
+    });
+    const most = this.numbers.find(({ index }) => index === maximized);
+    const cost = found.cost > 0 ? `; costs ${show(most, found.cost)} of ${most.name}` : "";
+    const how = found.simulated ? `Best of ${found.simulated} simulated policies` : "Best evaluated policy";
+    const falls = found.falls ? ` It falls in ${percent(found.falls)} of its episodes, which breaks every requirement.` : "";
+    return `${how}: ${parts.join(", ")}${cost}.${falls}`;
+  }
+
+  /** Return a slider; `rest` is the end at which it requires nothing. */
+  #rowOf(number) {
+    const { name, lower, values, color } = number;
+    const limits = [Math.min(...values), Math.max(...values)];
+    const row = { name: `at ${lower ? "most" : "least"} ${name}`, lower, limits, color };
+    row.rest = limits[lower ? 1 : 0];
+    row.format = (value) => {
+      if (isFree(row, value)) return "any";
+      return `${lower ? "≤" : "≥"} ${short(inUnit(number, value, this.engine.about))}`;
+    };
+    return row;
   }
 }
 
-/** Return a slider; `rest` is the end at which it requires nothing. */
-function rowOf({ name, lower, values }, color) {
-  const limits = [Math.min(...values), Math.max(...values)];
-  const row = { name: `at ${lower ? "most" : "least"} ${name}`, lower, limits, color };
-  row.rest = limits[lower ? 1 : 0];
-  row.format = (value) => (isFree(row, value) ? "any" : `${lower ? "≤" : "≥"} ${short(value)}`);
-  return row;
+/** Say what a search does, and for how long. */
+function told({ round, share, left } = {}) {
+  if (!round) return "preparing…";
+  const time = share > 0.05 ? `, about ${Math.max(1, Math.round(left))} s left` : "";
+  return `simulating policies, round ${round}: ${percent(share)}${time}`;
 }
 
 const isFree = ({ lower, rest }, value) => (lower ? value >= rest : value <= rest);

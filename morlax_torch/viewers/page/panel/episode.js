@@ -1,13 +1,12 @@
-// Returns of the running episode, and how the former one ended.
+// What the robots do now, in the present unit, and how the former episode ended.
 
-import { $, html, short } from "../pictures.js";
-import { colorOf, robotColor } from "../tradeoffs.js";
-
-const CALM = 0.05; // share of a new reward in the smoothed one
+import { $, amount, html, isNews } from "../pictures.js";
+import { colorOf, distance, lowest, robotColor } from "../tradeoffs.js";
+import { inUnit, present, valuesOf } from "./units.js";
 
 export class Episode {
-  constructor(engine) {
-    this.engine = engine;
+  constructor(engine, live) {
+    Object.assign(this, { engine, live });
     const { terms } = engine.about;
     $("terms-section").hidden = !terms?.length;
     this.termCells = (terms ?? []).map(() => html("td"));
@@ -17,56 +16,62 @@ export class Episode {
 
   show() {
     const { robots, about, selected, steered } = this.engine;
-    if (robots.length !== this.number) this.#tabulate(robots.length, about.objectives);
-    robots.forEach((robot, i) => {
-      robot.returns.forEach((value, k) => (this.cells[k][i].textContent = amount(value)));
-    });
-    if (robots.length === 1) this.#showRates(steered, about.dt);
+    const form = `${robots.length} ${present()}`;
+    if (form !== this.form) this.#tabulate(robots.length, about);
+    this.form = form;
+    for (const { cells, now } of this.rows) {
+      if (now) robots.forEach((_, i) => (cells[i].textContent = amount(now(i))));
+    }
+    if (robots.length === 1 && about.front && isNews(this, form, steered.tradeoff)) {
+      const nearest = lowest(about.front.tradeoffs, (weights) => distance(weights, steered.tradeoff));
+      for (const { cells, value } of this.rows) {
+        if (value) cells[1].textContent = amount(inUnit(value, value.values[nearest], about));
+      }
+    }
     this.termCells.forEach((cell, i) => {
       cell.textContent = steered.terms ? amount(steered.terms[i]) : "–";
     });
     const { ended } = robots[selected];
-    const sums = about.objectives.map((name, i) => `${name} ${amount(ended?.returns[i] ?? 0)}`).join(", ");
+    const sums = about.titles.map((name, i) => `${name} ${amount(ended?.returns[i] ?? 0)}`).join(", ");
     $("ended").textContent = ended
-      ? `The last episode ${ended.fell ? "failed" : "ended"} after ${ended.seconds.toFixed(1)} s: ${sums}.`
+      ? `The last episode ${ended.fell ? "failed" : "ended"} after ${ended.seconds.toFixed(1)} s, with returns: ${sums}.`
       : "";
   }
 
-  /** Show smoothed rewards per second. */
-  #showRates({ returns, counted }, dt) {
-    const passed = counted - (this.counted ?? counted);
-    if (passed > 0) {
-      const calm = 1 - (1 - CALM) ** passed;
-      returns.forEach((value, i) => {
-        const rate = (value - this.former[i]) / (passed * dt);
-        this.rates[i] = (1 - calm) * (this.rates[i] ?? rate) + calm * rate;
-      });
+  /** Return rows with a name, what a robot does now, and the value of evaluated policies. */
+  #values({ objectives, titles, front }) {
+    const { live, engine } = this;
+    const returns = objectives.map((_, index) => {
+      const now = (i) => (present() === "second" ? live.robots[i]?.rates?.[index] : engine.robots[i].returns[index]);
+      return { index, name: titles[index], now, color: colorOf(index) };
+    });
+    const motion = [
+      { name: "speed (m/s)", now: (i) => live.robots[i]?.speed, color: "var(--ink)" },
+      { name: "mechanical power (W)", now: (i) => live.robots[i]?.power, color: "var(--ink)" },
+    ];
+    if (!front) return [...motion, ...returns];
+    const values = valuesOf(engine.about);
+    for (const row of [...motion, ...returns]) {
+      row.value = values.find(({ key, index }) => key === row.name || index === row.index);
     }
-    if (passed !== 0 || !this.former) [this.counted, this.former] = [counted, [...returns]];
-    this.cells.forEach((row, i) => (row[1].textContent = this.rates[i] === null ? "–" : amount(this.rates[i])));
+    const others = values.filter(({ physical, key }) => physical && key !== motion[0].name);
+    const measured = others.map((value) => ({ name: value.key, value, color: "var(--ink)" }));
+    return [motion[0], ...measured, motion[1], ...returns];
   }
 
-  #tabulate(number, names) {
-    this.number = number;
-    this.rates = names.map(() => null);
-    this.counted = this.former = undefined;
-    const titles = number === 1 ? ["return", "per second"] : [...Array(number).keys()].map((i) => `robot ${i + 1}`);
+  #tabulate(number, about) {
+    const all = this.#values(about).filter(({ now }) => number === 1 || now);
+    const one = [present() === "second" ? "now" : "so far", ...(about.front ? ["evaluated"] : [])];
+    const titles = number === 1 ? one : [...Array(number).keys()].map((i) => `${i + 1}`);
     const head = titles.map((textContent, i) => {
       const className = number > 1 ? "dot" : "";
       return html("th", { textContent, className, style: `--color: ${robotColor(i)}` });
     });
-    this.cells = names.map(() => titles.map(() => html("td")));
-    const rows = names.map((textContent, i) => {
-      const title = html("th", { textContent, className: "objective", style: `--color: ${colorOf(i)}` });
-      return html("tr", {}, title, ...this.cells[i]);
+    this.rows = all.map((row) => ({ ...row, cells: titles.map(() => html("td", { textContent: "–" })) }));
+    const rows = this.rows.map(({ name, color, cells }) => {
+      const title = html("th", { textContent: name, className: "objective", style: `--color: ${color}` });
+      return html("tr", {}, title, ...cells);
     });
-    $("episode").replaceChildren(html("tr", {}, html("td"), ...head), ...rows);
+    $("episode").replaceChildren(html("tr", {}, html("td", { textContent: `returns per ${present()}` }), ...head), ...rows);
   }
-}
-
-/** Format a number with about four digits. */
-function amount(value) {
-  const size = Math.abs(value);
-  if (size >= 1e5) return short(value);
-  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : 2);
 }

@@ -1,44 +1,81 @@
-// The map of policies: two objectives against each other, and every point is a trade-off to pick.
+// The map of policies: two of their values against each other, and every point is a trade-off.
 
 import { html, onDrag, percent, short, svg, ticks } from "../pictures.js";
-import { mixed } from "../tradeoffs.js";
+import { distance, lowest, mixed } from "../tradeoffs.js";
+import { inUnit, named, ofEpisode, valuesOf } from "./units.js";
 
-const [WIDTH, HEIGHT] = [380, 300];
-const [LEFT, RIGHT, TOP, BOTTOM] = [50, 12, 12, 40]; // margins
+const [WIDTH, HEIGHT] = [380, 268];
+const [LEFT, RIGHT, TOP, BOTTOM] = [50, 12, 10, 36]; // margins
 const NEAR = 14; // from the pointer to a point that it asks about
+const GRIP = 9; // from the pointer to a line or bookmark that it takes
+const APART = 9; // between the rings of robots that would coincide
+const BETWEEN = 0.006; // a weight's distance, from which on a trade-off is not the evaluated one
 
 export class FrontPlot {
-  /** Show two axes of a front, by index; `pick` is called with the trade-off that a visitor chooses. */
-  constructor(front, names, axes, pick) {
-    Object.assign(this, { front, names, axes, pick });
-    this.ranges = axes.map((i) => paddedRange(front.values.map((v) => v[i])));
-    this.places = front.values.map((v) => this.#at(axes.map((i) => v[i])));
-    this.along = indicesOf(front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
-    this.marks = svg("g");
+  /**
+   * Show two values of the policies, by index. `pick` is called with the trade-off that a visitor
+   * chooses, `require` with index and level of a requirement that he or she moves.
+   */
+  constructor(about, axes, { pick, require }) {
+    Object.assign(this, { about, pick, require, front: about.front, held: null, levels: {} });
+    const values = valuesOf(about);
+    this.axes = axes.map((index) => values.find((value) => value.index === index));
+    this.columns = this.axes.map((axis) => axis.values.map((value) => inUnit(axis, value, about)));
+    const standing = indicesOf(this.front.fails.map((fails) => !fails)); // a fall may lie far away
+    this.ranges = this.columns.map((column) => paddedRange(standing.length ? standing.map((i) => column[i]) : column));
+    this.places = this.front.tradeoffs.map((_, i) => this.#at(this.columns.map((column) => column[i])));
+    this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
+    [this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g")];
+    this.told = [0, 1, 2].map(() => svg("text", { class: "readout told" }));
     this.nearest = 0;
-    const label = `Pareto front of ${axes.map((i) => front.axes[i]).join(" and ")}: click, or use the arrow keys`;
+    const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
     this.drawing = svg(
       "svg",
       { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "img", tabindex: 0, "aria-label": label },
       ...this.#scales(),
+      this.lines,
       ...this.#points(),
+      this.pins,
       this.marks,
+      ...this.told,
     );
     this.tip = html("p", { className: "tip", hidden: true });
     this.element = html("div", { className: "map" }, this.drawing, this.tip);
-    onDrag(this.drawing, (place) => this.#choose(place), (place) => this.#point(place));
+    onDrag(this.drawing, (place, begins) => this.#choose(place, begins), (place) => this.#point(place));
+    this.drawing.addEventListener("pointerup", () => this.#release());
     this.drawing.addEventListener("pointerleave", () => (this.tip.hidden = true));
     this.drawing.addEventListener("keydown", (event) => this.#step(event));
   }
 
   /** Mark the evaluated trade-offs that are nearest to given ones; the last is the visitor's own. */
   show(marks) {
-    const circles = marks.map(({ weights, fill, outline }) => {
-      this.nearest = lowest(this.front.tradeoffs, (w) => distance(w, weights));
-      const [cx, cy] = this.places[this.nearest];
-      return svg("circle", { cx, cy, r: 7.5, fill, stroke: outline, class: "mark" });
+    const points = marks.map(({ weights }) => lowest(this.front.tradeoffs, (w) => distance(w, weights)));
+    const circles = marks.map(({ weights, fill, outline }, i) => {
+      const point = (this.nearest = points[i]);
+      const same = points.flatMap((other, k) => (other === point ? [k] : []));
+      const shift = APART * (same.indexOf(i) - (same.length - 1) / 2);
+      const [x, cy] = this.places[point];
+      this.own = [x + shift, cy];
+      this.isBetween = this.front.tradeoffs[point].some((w, k) => Math.abs(w - weights[k]) > BETWEEN);
+      const look = this.isBetween ? "mark between" : "mark";
+      return svg("circle", { cx: x + shift, cy, r: 7.5, fill, stroke: outline, class: look });
     });
     this.marks.replaceChildren(...circles);
+  }
+
+  /** Say beside the visitor's ring what the robot reaches, by axis; null: unknown. */
+  tell(reached) {
+    const known = this.axes.flatMap(({ name }, i) => (reached[i] === null ? [] : `now ${name} ${short(reached[i])}`));
+    const texts = [...known, ...(this.isBetween ? ["between evaluated policies"] : []), "", "", ""];
+    const [x, y] = this.own;
+    const late = x > WIDTH / 2;
+    const above = y > HEIGHT / 2;
+    this.told.forEach((line, i) => {
+      if (line.textContent !== texts[i]) line.textContent = texts[i];
+      line.setAttribute("x", late ? x - 12 : x + 12);
+      line.setAttribute("y", above ? y - 35 + 13 * i : y + 16 + 13 * i);
+      line.setAttribute("text-anchor", late ? "end" : "start");
+    });
   }
 
   /** Let only some points stand out, by index; null: all. */
@@ -47,11 +84,88 @@ export class FrontPlot {
     for (const [i, point] of this.points) point.classList.toggle("out", chosen !== null && !chosen.has(i));
   }
 
-  #choose(place) {
+  /** Draw the levels that are required, by index of the value, unless the visitor holds one. */
+  bound(levels) {
+    if (this.held !== null) return;
+    this.levels = levels;
+    this.#drawLines();
+  }
+
+  /** Mark bookmarks, which are trade-offs by name. */
+  pin(bookmarks) {
+    this.kept = Object.entries(bookmarks ?? {}).map(([name, weights]) => {
+      const [x, y] = this.places[lowest(this.front.tradeoffs, (w) => distance(w, weights))];
+      return { name, weights, place: [x, y] };
+    });
+    const pins = this.kept.flatMap(({ name, place: [x, y] }) => {
+      const side = x > WIDTH - 90 ? { x: x - 8, "text-anchor": "end" } : { x: x + 8 };
+      return [
+        svg("path", { d: `M${x} ${y - 6}l5 6l-5 6l-5-6z`, class: "pin" }),
+        svg("text", { ...side, y: y - 7, class: "pin-name" }, `@${name}`),
+      ];
+    });
+    this.pins.replaceChildren(...pins);
+  }
+
+  #choose(place, begins) {
+    if (begins) this.held = this.#lineNear(place);
+    if (this.held !== null) {
+      const [low, high] = this.ranges[this.held];
+      const axis = this.axes[this.held];
+      const value = Math.min(Math.max(this.#valueAt(this.held, place), low), high);
+      this.levels = { ...this.levels, [axis.index]: ofEpisode(axis, value, this.about) };
+      this.#drawLines();
+      return;
+    }
+    const pin = this.kept?.find((one) => distance(one.place, place) < GRIP ** 2);
     const far = (other, i) => (this.front.best[i] ? distance(other, place) : Infinity);
     const point = lowest(this.places, far);
     this.#tell(point);
-    this.pick(this.front.tradeoffs[point]);
+    this.pick(pin?.weights ?? this.front.tradeoffs[point]);
+  }
+
+  /** Require the level of the line that the visitor lets go of. */
+  #release() {
+    if (this.held === null) return;
+    const { index } = this.axes[this.held];
+    this.held = null;
+    this.require(index, this.levels[index]);
+  }
+
+  /** Return the axis of the required level near a place; null: there is none. */
+  #lineNear(place) {
+    const near = [0, 1].find((k) => Math.abs(this.#lineAt(k) - place[k]) < GRIP);
+    return near ?? null;
+  }
+
+  /** Return where the line of an axis lies; NaN: nothing is required of it. */
+  #lineAt(k) {
+    const axis = this.axes[k];
+    return this.#along(k, inUnit(axis, this.levels[axis.index] ?? NaN, this.about));
+  }
+
+  #drawLines() {
+    const parts = [0, 1].flatMap((k) => {
+      const [axis, at] = [this.axes[k], this.#lineAt(k)];
+      if (Number.isNaN(at)) return [];
+      const level = short(inUnit(axis, this.levels[axis.index], this.about));
+      const text = `${axis.lower ? "≤" : "≥"} ${level}`;
+      const [right, bottom] = [WIDTH - RIGHT, HEIGHT - BOTTOM];
+      const begins = axis.lower === (k === 0); // what is ruled out lies right of the line, or above it
+      const out =
+        k === 0
+          ? { x: begins ? at : LEFT, y: TOP, width: begins ? right - at : at - LEFT, height: bottom - TOP }
+          : { x: LEFT, y: begins ? at : TOP, width: right - LEFT, height: begins ? bottom - at : at - TOP };
+      for (const size of ["width", "height"]) out[size] = Math.max(out[size], 0);
+      const line = k === 0 ? { x1: at, x2: at, y1: TOP, y2: bottom } : { x1: LEFT, x2: right, y1: at, y2: at };
+      const place = k === 0 ? { x: at + 5, y: TOP + 11 } : { x: right - 4, y: at - 5, "text-anchor": "end" };
+      return [
+        svg("rect", { ...out, class: "ruled-out" }),
+        svg("line", { ...line, class: `threshold ${k ? "level" : "upright"}` }),
+        svg("text", { ...place, class: "readout" }, text),
+      ];
+    });
+    this.lines.replaceChildren(...parts);
   }
 
   /** Tell the point under the pointer, if there is one. */
@@ -64,11 +178,10 @@ export class FrontPlot {
   /** Say which trade-off a point has, and what its policy earns. */
   #tell(point) {
     this.tip.hidden = false;
-    const { tradeoffs, axes, values, falls } = this.front;
-    const lines = axes.map((axis, i) => {
-      if (i >= this.names.length) return `${axis}: ${short(values[point][i])}`;
-      const weight = percent(tradeoffs[point][i]);
-      return `${this.names[i]} ${weight}: ${short(values[point][i])} per second`;
+    const { tradeoffs, falls } = this.front;
+    const lines = this.axes.map((axis, i) => {
+      const weight = axis.physical ? "" : ` (weight ${percent(tradeoffs[point][axis.index])})`;
+      return `${named(axis)}: ${short(this.columns[i][point])}${weight}`;
     });
     if (falls[point]) lines.push(`falls in ${percent(falls[point])} of its episodes`);
     this.tip.replaceChildren(...lines.map((text) => html("span", { textContent: text })));
@@ -90,12 +203,19 @@ export class FrontPlot {
     this.pick(this.front.tradeoffs[this.nearest]);
   }
 
-  #at([x, y]) {
-    const [[left, right], [bottom, top]] = this.ranges;
-    return [
-      LEFT + ((x - left) / (right - left)) * (WIDTH - LEFT - RIGHT),
-      HEIGHT - BOTTOM - ((y - bottom) / (top - bottom)) * (HEIGHT - TOP - BOTTOM),
-    ];
+  #at(values) {
+    return values.map((value, k) => this.#along(k, Math.min(Math.max(value, this.ranges[k][0]), this.ranges[k][1])));
+  }
+
+  /** Return where a value lies along an axis. */
+  #along(k, value) {
+    const share = (value - this.ranges[k][0]) / (this.ranges[k][1] - this.ranges[k][0]);
+    return k === 0 ? LEFT + share * (WIDTH - LEFT - RIGHT) : HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM);
+  }
+
+  #valueAt(k, [x, y]) {
+    const share = k === 0 ? (x - LEFT) / (WIDTH - LEFT - RIGHT) : (HEIGHT - BOTTOM - y) / (HEIGHT - TOP - BOTTOM);
+    return this.ranges[k][0] + share * (this.ranges[k][1] - this.ranges[k][0]);
   }
 
   #points() {
@@ -125,9 +245,11 @@ export class FrontPlot {
       parts.push(svg("text", { x: LEFT - 6, y: y + 3.5, class: "tick", "text-anchor": "end" }, short(value)));
     }
     const [x, y] = [(LEFT + WIDTH - RIGHT) / 2, (TOP + HEIGHT - BOTTOM) / 2];
-    const [across, up] = this.axes.map((i) => this.front.axes[i]);
+    const [across, up] = this.axes.map((axis) => {
+      return axis.lower ? `← better · ${named(axis)}` : `${named(axis)} · better →`;
+    });
     const look = { class: "axis", "text-anchor": "middle" };
-    parts.push(svg("text", { x, y: HEIGHT - 6, ...look }, across));
+    parts.push(svg("text", { x, y: HEIGHT - 4, ...look }, across));
     parts.push(svg("text", { transform: `translate(11 ${y}) rotate(-90)`, ...look }, up));
     return parts;
   }
@@ -139,13 +261,4 @@ function paddedRange(values) {
   const [low, high] = [Math.min(...values), Math.max(...values)];
   const margin = Math.max(0.06 * (high - low), 1e-6 + 1e-6 * Math.abs(high));
   return [low - margin, high + margin];
-}
-
-/** Return the squared distance of two points. */
-const distance = (a, b) => a.reduce((sum, x, i) => sum + (x - b[i]) ** 2, 0);
-
-/** Return the index of the item with the lowest score. */
-function lowest(items, score) {
-  const scores = items.map(score);
-  return scores.indexOf(Math.min(...scores));
 }

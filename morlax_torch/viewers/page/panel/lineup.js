@@ -1,9 +1,7 @@
 // Several robots to compare: which one the sliders steer, and their names.
 
 import { $, chip, isNews } from "../pictures.js";
-import { MOST, robotColor } from "../tradeoffs.js";
-
-const FEW = 6; // weights in all names together; more would overlap on a phone
+import { MOST, robotColor, summary } from "../tradeoffs.js";
 
 export class LineupPanel {
   constructor(engine) {
@@ -20,7 +18,8 @@ export class LineupPanel {
   #buttons(number, selected) {
     const { engine } = this;
     const choices = number < 2 ? [] : Array.from({ length: number }, (_, i) => {
-      const choice = chip(`robot ${i + 1}`, "Steer this robot", () => engine.select(i), robotColor(i));
+      const title = `Steer this robot (${i + 1})`;
+      const choice = chip(`robot ${i + 1}`, title, () => engine.select(i), robotColor(i));
       choice.setAttribute("aria-pressed", i === selected);
       return choice;
     });
@@ -32,19 +31,11 @@ export class LineupPanel {
   }
 }
 
-/** Show the names above several robots. */
-export function showNames(engine) {
-  const { names, robots, selected } = engine;
+/** Show the names at the heads of several robots. */
+export function showNames({ names, robots, selected, about }) {
   [...$("names").children].forEach((label, i) => {
-    const text = names?.[i] ?? `${i + 1}: ${brief(robots[i], engine)}`;
+    const text = names?.[i] ?? `${i + 1}: ${summary(robots[i].tradeoff, about.titles)}`;
     if (label.textContent !== text) label.textContent = text;
     label.classList.toggle("chosen", !names && i === selected);
   });
-}
-
-/** Return a robot's trade-off; of many weights, only the greatest. */
-function brief({ tradeoff }, { robots, about }) {
-  if (tradeoff.length * robots.length <= FEW) return tradeoff.map((w) => w.toFixed(2)).join(", ");
-  const top = tradeoff.indexOf(Math.max(...tradeoff));
-  return `${about.objectives[top]} ${tradeoff[top].toFixed(2)}`;
 }

@@ -6,46 +6,65 @@ import { ChoosingPanel } from "./choosing.js";
 import { Episode } from "./episode.js";
 import { FrontPlot } from "./front.js";
 import { LineupPanel, showNames } from "./lineup.js";
+import { Live } from "./live.js";
+import { Matrix } from "./matrix.js";
 import { $, html, isNews, percent } from "../pictures.js";
 import { colorOf, keeping, mixed, moved, robotColor } from "../tradeoffs.js";
 import { RunLists, SavingPanel } from "./runs.js";
 import { Sliders } from "./sliders.js";
 import { Triangle } from "./triangle.js";
 import { TypedWeights } from "./typing.js";
+import * as units from "./units.js";
 
 const KINDS = { velocity: "velocity", command: "command", contacts: "contact forces", trail: "trail" };
+const TELLING = 250; // ms between numbers beside the ring
+const FEW = 6; // objectives, each of which gets a row of its own
 
 export class Panel {
   /** `settled` is called when a visitor has chosen a trade-off, and lets go of a slider or plot. */
   constructor(engine, stage, settled) {
     Object.assign(this, { engine, stage });
     const { about } = engine;
-    this.names = about.objectives;
+    this.names = about.titles;
     this.front = about.front ?? null;
-    this.parts = [new AskingPanel(engine)];
+    this.live = new Live(engine);
+    this.parts = [new AskingPanel(engine), this.live];
     if (engine.can.open) this.parts.push(new RunLists(engine));
     this.plots = [];
-    $("choosing-section").hidden = !this.front;
+    this.axes = this.front?.pair;
+    $("choosing-section").hidden = $("unit").hidden = !this.front;
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
     const measure = () => engine.press("measure");
     this.command = this.#showNumbers("command", about.command?.limits, rounded, tell);
     this.design = this.#showNumbers("design", about.design, precise, reshape, measure);
     this.#showKinds(about);
-    const choose = (weights) => {
+    this.choose = (weights) => {
       if (!engine.asking) engine.steer(weights);
+      document.body.classList.add("knows"); // what the hint says
     };
-    this.#showWeights(choose, settled);
-    this.#showPlots(choose);
+    this.#showWeights(settled);
+    const required = (index) => (this.#reveal(index), settled());
+    this.choosing = this.front ? new ChoosingPanel(engine, required) : null;
+    this.#showPlots();
     $("triangle").onpointerup = $("front").onpointerup = settled;
     this.parts.push(
-      new TypedWeights(engine, (weights) => (choose(weights), settled())),
+      new TypedWeights(engine, (weights) => (this.choose(weights), settled())),
       new LineupPanel(engine),
-      new Episode(engine),
-      new Charts(engine),
+      new Episode(engine, this.live),
+      new Charts(engine, stage, this.live),
       new SavingPanel(engine),
     );
-    if (this.front) this.parts.push(new ChoosingPanel(engine, settled));
+    if (this.choosing) this.parts.push(this.choosing);
+    for (const unit of ["second", "episode"]) $(`per-${unit}`).onclick = () => this.measureBy(unit);
+    this.measureBy(units.present());
+  }
+
+  /** Show all that is earned per second, or per episode. */
+  measureBy(unit) {
+    units.choose(unit);
+    for (const each of ["second", "episode"]) $(`per-${each}`).setAttribute("aria-pressed", each === unit);
+    if (this.front) this.#enlarge(this.axes);
   }
 
   /** Show the present. */
@@ -53,20 +72,28 @@ export class Panel {
     const { engine } = this;
     for (const part of this.parts) part.show();
     showNames(engine);
-    const { steered, robots, selected, asking, choosing } = engine;
+    const { steered, robots, selected, asking, choosing, bookmarks } = engine;
     this.weights.show(steered.tradeoff);
     this.command?.show(engine.command);
     this.design?.show(engine.state.design);
     $("front-section").classList.toggle("stale", this.design !== undefined && !engine.state.measured);
+    if (!this.plots.length) return;
     const tradeoffs = robots.map(({ tradeoff }) => tradeoff);
-    if (!this.front || !isNews(this, tradeoffs, selected, asking, choosing?.levels)) return;
-    const others = robots.map((_, i) => i).filter((i) => i !== selected || asking);
-    const marks = (asking ? others : [...others, selected]).map((i) => {
-      const outline = robots.length > 1 ? robotColor(i) : "#fff";
-      return { weights: robots[i].tradeoff, fill: mixed(robots[i].tradeoff), outline };
-    });
-    for (const plot of this.plots) plot.show(marks);
-    this.map?.limit(this.#standing());
+    if (isNews(this, tradeoffs, selected, asking, choosing?.levels, bookmarks)) {
+      const others = robots.map((_, i) => i).filter((i) => i !== selected || asking);
+      const marks = (asking ? others : [...others, selected]).map((i) => {
+        const outline = robots.length > 1 ? robotColor(i) : "var(--ink)";
+        return { weights: robots[i].tradeoff, fill: mixed(robots[i].tradeoff), outline };
+      });
+      for (const plot of this.plots) plot.show(marks);
+      this.map?.limit(this.#standing());
+      this.map?.bound(choosing?.levels ?? {});
+      this.map?.pin(bookmarks);
+      this.told = 0;
+    }
+    if (!this.map || asking || performance.now() < this.told + TELLING) return;
+    this.told = performance.now();
+    this.map.tell(this.map.axes.map((axis) => this.live.reach(selected, axis)));
   }
 
   /** Return the indices of points that are still of interest; null: all. */
@@ -77,14 +104,16 @@ export class Panel {
     return Object.keys(levels).length ? keeping(this.engine.about, levels) : null;
   }
 
-  #showWeights(choose, settled) {
-    const { engine } = this;
+  #showWeights(settled) {
+    const { engine, choose } = this;
     const rows = this.names.map((name, i) => {
-      const title = engine.about.notes?.[i];
-      return { name, limits: [0, 1], color: colorOf(i), format: percent, title };
+      const title = `Only ${name}. ${engine.about.notes?.[i] ?? ""}`;
+      const act = () => (choose(this.names.map((_, k) => Number(k === i))), settled());
+      return { name, limits: [0, 1], color: colorOf(i), format: percent, title, act };
     });
     const move = (index, value) => choose(moved(engine.steered.tradeoff, index, value));
     this.weights = new Sliders(rows, move, settled);
+    $("weights").classList.toggle("columns", rows.length > FEW);
     $("weights").replaceChildren(...this.weights.elements);
   }
 
@@ -113,45 +142,70 @@ export class Panel {
     $("show").replaceChildren(...boxes);
   }
 
-  #showPlots(choose) {
-    const m = this.names.length;
-    const triangle = m === 3 ? [new Triangle(this.names, choose)] : [];
-    $("triangle").replaceChildren(...triangle.map((plot) => plot.element));
-    this.triangle = this.plots = triangle;
-    $("axes").hidden = !this.front || this.front.axes.length < 3;
+  #showPlots() {
+    const { front, names, choose } = this;
+    this.triangle = names.length === 3 ? [new Triangle(names, choose)] : [];
+    $("triangle").replaceChildren(...this.triangle.map((plot) => plot.element));
+    this.plots = this.triangle;
+    const values = front ? units.valuesOf(this.engine.about) : [];
+    $("axes").hidden = values.length < 3;
     $("front").replaceChildren();
-    $("checkpoint").textContent = this.front
-      ? `front of ${this.front.checkpoint}`
-      : "This checkpoint has no front. To write one: morlax evaluate RUN";
-    if (!this.front) return;
-    const draw = (axes) => {
-      this.map = new FrontPlot(this.front, this.names, axes, choose);
-      $("front").replaceChildren(this.map.element);
-      this.plots = [...this.triangle, this.map];
-      this.facts = null;
-    };
-    if (this.front.axes.length > 2) $("axes").replaceChildren(...axisChoosers(this.front, draw));
-    draw(this.front.pair);
+    $("matrix").replaceChildren();
+    $("legend").replaceChildren(...(front ? legend(front) : []));
+    $("checkpoint").hidden = Boolean(front);
+    if (!front) return;
+    this.lists = axisChoosers(values, (axes) => this.#enlarge(axes));
+    $("axes").replaceChildren(this.lists[0], html("span", { textContent: "and" }), this.lists[1]);
+    if (names.length < 3) return;
+    this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
+    $("matrix").replaceChildren(this.matrix.element);
+    this.plots = [...this.triangle, this.matrix];
+  }
+
+  /** Show a value on an axis, so that the line of its requirement is seen. */
+  #reveal(index) {
+    const { maximized } = this.engine.choosing;
+    if (!this.axes.includes(index)) this.#enlarge([index, maximized === index ? this.axes[1] : maximized]);
+  }
+
+  /** Show two values of the policies, by index, as the large front. */
+  #enlarge(axes) {
+    this.axes = axes;
+    const { choose: pick, choosing } = this;
+    this.map = new FrontPlot(this.engine.about, axes, { pick, require: (...level) => choosing.require(...level) });
+    $("front").replaceChildren(this.map.element);
+    axes.forEach((index, i) => (this.lists[i].value = index));
+    this.matrix?.choose(axes);
+    this.plots = [...this.triangle, ...(this.matrix ? [this.matrix] : []), this.map];
+    this.facts = null;
   }
 }
 
+/** Return what the marks on the front mean. */
+function legend({ best, fails, checkpoint }) {
+  const entries = [["mixed", "on the front"]];
+  if (best.some((one, i) => !one && !fails[i])) entries.push(["gray", "dominated"]);
+  if (fails.includes(true)) entries.push(["cross", "falls in most episodes"]);
+  entries.push(["ring", "yours"], ["", `from ${checkpoint}`]);
+  return entries.map(([look, textContent]) => html("span", { className: look && `key ${look}`, textContent }));
+}
+
 /** Return two lists, for the axes of the plot. */
-function axisChoosers(front, draw) {
-  const lists = [0, 1].map((first) => {
-    const options = front.axes.map((name, i) => {
-      return new Option(name.replace(" per second", ""), i, false, i === front.pair[first]);
-    });
-    return html("select", { ariaLabel: first ? "Vertical axis" : "Horizontal axis" }, ...options);
+function axisChoosers(values, draw) {
+  const lists = ["Horizontal axis", "Vertical axis"].map((ariaLabel) => {
+    return html("select", { ariaLabel }, ...values.map(({ name, index }) => new Option(name, index)));
   });
-  const [across, up] = lists;
   const chosen = () => lists.map((list) => Number(list.value));
-  let former = chosen();
-  for (const list of lists) {
+  let former = null;
+  for (const [i, list] of lists.entries()) {
+    list.addEventListener("focus", () => (former = chosen()));
     list.addEventListener("change", () => {
-      if (across.value === up.value) [across.value, up.value] = former.toReversed();
-      former = chosen();
-      draw(former);
+      const axes = chosen();
+      if (axes[0] === axes[1]) axes[1 - i] = former?.[i] ?? axes[i];
+      if (axes[0] === axes[1]) axes[1 - i] = values.find(({ index }) => index !== axes[i]).index;
+      former = axes;
+      draw(axes);
     });
   }
-  return [across, html("span", { textContent: "and" }), up];
+  return lists;
 }

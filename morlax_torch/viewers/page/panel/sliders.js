@@ -1,4 +1,4 @@
-// Rows of sliders with a name and a value.
+// Rows of sliders with a name, which can be a button, and a value.
 
 import { html } from "../pictures.js";
 
@@ -13,10 +13,10 @@ export class Sliders {
       return input;
     });
     this.outputs = rows.map(() => html("output"));
-    this.elements = rows.map(({ name, color, title: note }, index) => {
-      const title = html("span", { className: "name", textContent: name, title: note ?? "" });
-      const head = html("span", { className: "head" }, title, this.outputs[index]);
-      const row = html("label", { className: "slider" }, head, this.inputs[index]);
+    this.elements = rows.map(({ name, color, title = "", act }, index) => {
+      const look = { className: act ? "name chip" : "name", textContent: name, title };
+      const head = html(act ? "button" : "span", act ? { ...look, type: "button", onclick: act } : look);
+      const row = html("div", { className: "slider" }, head, this.inputs[index], this.outputs[index]);
       row.style.setProperty("--color", color);
       return row;
     });
@@ -28,6 +28,7 @@ export class Sliders {
       if (!this.inputs[i].matches(":active")) this.inputs[i].value = value;
       const { limits: [min, max], format } = this.rows[i];
       this.outputs[i].textContent = format(value);
+      this.inputs[i].ariaValueText = format(value);
       this.elements[i].style.setProperty("--share", (value - min) / (max - min));
     });
   }

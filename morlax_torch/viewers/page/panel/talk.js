@@ -41,8 +41,8 @@ export class Talk {
     this.stop = Math.min(Math.max(stop, 0), stops.length - 1);
     const [name, weights] = stops[this.stop];
     this.engine().steer(weights);
-    const { objectives } = this.engine().about;
-    const parts = objectives.map((objective, i) => `${objective} ${Math.round(100 * weights[i])} %`);
+    const { titles } = this.engine().about;
+    const parts = titles.map((title, i) => `${title} ${Math.round(100 * weights[i])} %`);
     $("caption").replaceChildren(name, html("small", { textContent: parts.join(", ") }));
   }
 

@@ -5,6 +5,8 @@ import { mixed } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT] = [320, 236];
 const CORNERS = [[160, 26], [50, 208], [270, 208]];
+const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const STEP = 8; // of an arrow key
 const GRAIN = 12; // small triangles along each side, for the colors
 
 export class Triangle {
@@ -20,7 +22,8 @@ export class Triangle {
         viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
         class: "plot",
         role: "img",
-        "aria-label": `Trade-off of ${names.join(", ")}: click to choose`,
+        tabindex: 0,
+        "aria-label": `Trade-off of ${names.join(", ")}: click to choose, or use the arrow keys`,
       },
       ...colors(),
       svg("polygon", { points: CORNERS.map(String).join(" "), class: "edge" }),
@@ -30,12 +33,18 @@ export class Triangle {
       this.marks,
     );
     onDrag(this.element, (place) => this.#choose(place));
+    this.element.addEventListener("keydown", (event) => {
+      const [x, y] = WAYS[event.key] ?? [];
+      if (x === undefined) return;
+      event.preventDefault();
+      this.#choose([this.place[0] + STEP * x, this.place[1] + STEP * y]);
+    });
   }
 
   /** Mark trade-offs; see `FrontPlot`. */
   show(marks) {
     const circles = marks.map(({ weights, fill, outline }) => {
-      const [cx, cy] = at(weights);
+      const [cx, cy] = (this.place = at(weights));
       return svg("circle", { cx, cy, r: 8, fill, stroke: outline, class: "mark" });
     });
     this.marks.replaceChildren(...circles);

@@ -1,7 +1,7 @@
-// A trade-off as text, the corners and the balance as buttons, and bookmarks.
+// A trade-off as text, the balance as a button, and bookmarks, which are named in place.
 
-import { $, chip, isNews } from "../pictures.js";
-import { colorOf, even, parsed, shown } from "../tradeoffs.js";
+import { $, chip, html, isNews } from "../pictures.js";
+import { even, parsed, shown } from "../tradeoffs.js";
 
 const TOLD = 1500; // ms that "copied" is shown
 const CALM = 1000; // ms after a key until the field follows others again
@@ -11,12 +11,7 @@ export class TypedWeights {
   constructor(engine, choose) {
     Object.assign(this, { engine, choose });
     const m = engine.about.objectives.length;
-    const corners = engine.about.objectives.map((name, index) => {
-      const weights = even(m).map((_, i) => (i === index ? 1 : 0));
-      return chip(name, `only ${name}`, () => choose(weights), colorOf(index));
-    });
-    const balance = chip("balance", "all objectives equally", () => choose(even(m)));
-    $("corners").replaceChildren(...corners, balance);
+    $("balance").onclick = () => choose(even(m));
     $("typed").value = spaced(engine.steered.tradeoff); // another run may have more weights
     this.typed = -CALM; // ms, when the visitor last typed
     $("typed").oninput = () => {
@@ -27,10 +22,19 @@ export class TypedWeights {
     };
     $("copy").onclick = () => this.#copy().catch(() => $("typed").select());
     $("keep").title = "Keep this trade-off as a bookmark of the run";
-    $("keep").onclick = () => {
-      const name = prompt("Name of the bookmark (then --tradeoff @NAME in every command)");
-      if (name) engine.bookmark(name);
+    $("keep").onclick = () => this.#name(null);
+    $("naming").hidden = true;
+    $("naming").onsubmit = (event) => {
+      event.preventDefault();
+      const name = $("bookmark-name").value.trim();
+      if (name && this.named === null) engine.bookmark(name);
+      else if (name && name !== this.named) engine.rename(this.named, name);
+      this.#close();
     };
+    $("naming").onkeydown = ({ key }) => {
+      if (key === "Escape") this.#close();
+    };
+    $("unname").onclick = () => this.#close();
   }
 
   show() {
@@ -39,12 +43,35 @@ export class TypedWeights {
       this.#judge(true);
       if ($("typed").value !== text) $("typed").value = text;
     }
-    $("keep").hidden = !this.engine.keeps;
-    if (!isNews(this, this.engine.bookmarks)) return;
-    const marks = Object.entries(this.engine.bookmarks ?? {}).map(([name, weights]) => {
-      return chip(`@${name}`, "bookmark", () => this.choose(weights));
+    const { keeps, bookmarks } = this.engine;
+    $("keep").hidden = !keeps;
+    if (!isNews(this, bookmarks)) return;
+    const marks = Object.entries(bookmarks ?? {}).map(([name, weights]) => {
+      const mark = chip(`@${name}`, `Bookmark: ${spaced(weights)}`, () => this.choose(weights));
+      if (!keeps) return mark;
+      const change = (text, title, act) => Object.assign(chip(text, title, act), { ariaLabel: title });
+      return html(
+        "span",
+        { className: "bookmark" },
+        mark,
+        change("✎", `Rename ${name}`, () => this.#name(name)),
+        change("✕", `Delete ${name}`, () => this.engine.rename(name, "")),
+      );
     });
     $("bookmarks").replaceChildren(...marks);
+  }
+
+  /** Ask for the name of a new bookmark, or for another name of one. */
+  #name(former) {
+    this.named = former;
+    $("naming").hidden = false;
+    $("bookmark-name").value = former ?? "";
+    $("bookmark-name").focus();
+  }
+
+  #close() {
+    $("naming").hidden = true;
+    $("keep").focus();
   }
 
   /** Return whether the field has the visitor's own text: a trade-off in other words, or an unfinished one. */
@@ -57,7 +84,7 @@ export class TypedWeights {
 
   /** Say what is right, unless the field has a trade-off. */
   #judge(valid) {
-    const names = this.engine.about.objectives;
+    const names = this.engine.about.titles;
     const right = `${names.length} weights, none negative, for ${names.join(", ")}: such as`;
     $("typed").setAttribute("aria-invalid", !valid);
     $("mistyped").textContent = valid ? "" : `Type ${right} ${spaced(even(names.length))}.`;

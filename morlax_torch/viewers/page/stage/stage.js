@@ -14,6 +14,7 @@ const VIEW = new THREE.Vector3(0.55, -1, 0.32).normalize(); // from the robots t
 const FIELD = 32; // degrees
 const MARGIN = 1.2; // around the robots
 const GAP = 1.15; // between the middles of neighbors, in sizes of the robot
+const HEAD = 0.08; // from a robot's head to its name, in sizes of the robot
 const BUTTONS = 50; // pixels that the buttons cover at the bottom
 const KEPT = 10; // s of poses to look back at
 const CALM = 250; // ms that the camera takes to follow most of a change of height
@@ -64,7 +65,9 @@ export class Stage {
     this.scene = new THREE.Scene();
     const box = boundsOf(model, robots[0]);
     this.size = Math.max(box.getSize(new THREE.Vector3()).length(), 0.05);
-    this.offset = box.getCenter(new THREE.Vector3()).z - robots[0].places[3 * about.followed + 2];
+    const height = robots[0].places[3 * about.followed + 2];
+    this.offset = box.getCenter(new THREE.Vector3()).z - height;
+    this.head = box.max.z - height + HEAD * this.size;
     this.robots = robots.map((_, i) => new Robot(model, this.size, many ? i : null));
     const gap = GAP * this.size;
     this.lanes = robots.map((_, i) => gap * (i - (robots.length - 1) / 2));
@@ -130,6 +133,15 @@ export class Stage {
     this.controls.minDistance = 0.4 * this.size;
     this.controls.maxDistance = 12 * this.size + wide;
     this.controls.update();
+  }
+
+  /** Turn the camera about the robots, in radians. */
+  turn(across, up) {
+    const way = new THREE.Spherical().setFromVector3(upright(this.camera.position.clone().sub(this.controls.target)));
+    way.theta += across;
+    way.phi = THREE.MathUtils.clamp(way.phi + up, 0.05, this.controls.maxPolarAngle);
+    const { x, y, z } = new THREE.Vector3().setFromSpherical(way);
+    this.camera.position.set(x, -z, y).add(this.controls.target);
   }
 
   /** Return a picture of the present drawing, as a PNG file's data. */
@@ -206,11 +218,14 @@ export class Stage {
     this.labels.replaceChildren(...names.map(tag));
   }
 
-  /** Keep the robots' names above their lanes, where no robot jumps. */
+  /** Keep the robots' names at their heads. */
   #placeLabels() {
     for (const [i, label] of [...this.labels.children].entries()) {
-      const { x } = new THREE.Vector3(this.lanes[i], 0, this.center.z).project(this.camera);
+      const { z } = this.robots[i].bodies[this.engine.about.followed].position;
+      const head = new THREE.Vector3(this.lanes[i], 0, z + this.head);
+      const { x, y } = head.project(this.camera);
       label.style.left = `${((x + 1) / 2) * this.width}px`;
+      label.style.top = `${THREE.MathUtils.clamp((1 - y) / 2, 0.02, 0.8) * this.tall}px`;
     }
   }
 
@@ -229,6 +244,9 @@ export class Stage {
     if (Math.abs(before - this.camera.aspect) > 0.01) this.lookHome();
   }
 }
+
+/** Return a direction with y up, as three.js's angles have it. */
+const upright = ({ x, y, z }) => new THREE.Vector3(x, z, -y);
 
 /** Return a box around what moves. */
 function boundsOf(model, { places, turns }) {

@@ -1,0 +1,74 @@
+// Small fronts of all pairs of objectives, each of which a visitor can enlarge.
+
+import { html, svg } from "../pictures.js";
+import { colorOf, distance, lowest, mixed } from "../tradeoffs.js";
+
+const [WIDTH, HEIGHT, MARGIN] = [100, 64, 6];
+
+export class Matrix {
+  /** @param enlarge called with the two objectives of a small front, by index. */
+  constructor({ titles, front }, enlarge) {
+    this.front = front;
+    const m = titles.length;
+    this.radius = 1.7 * (m - 1); // about 5 pixels
+    this.cells = [];
+    this.element = html("div", { className: "matrix" });
+    this.element.style.gridTemplateColumns = `repeat(${m - 1}, minmax(0, 1fr)) auto`;
+    titles.forEach((title, up) => {
+      for (let across = 0; across < up; across++) {
+        const label = `${title} against ${titles[across]}`;
+        const button = html("button", { type: "button", title: label, ariaLabel: label });
+        button.style.gridArea = `${up + 1} / ${across + 1}`;
+        button.addEventListener("click", () => enlarge([across, up]));
+        this.cells.push(this.#drawn(button, across, up));
+        this.element.append(button);
+      }
+      const name = html("span", { className: "objective", textContent: title });
+      name.style.cssText = `--color: ${colorOf(up)}; grid-area: ${up + 1} / ${up + 1}`;
+      if (up < m - 1) name.style.gridColumnEnd = -1;
+      this.element.append(name);
+    });
+  }
+
+  /** Mark the enlarged pair. */
+  choose(axes) {
+    for (const { button, pair } of this.cells) {
+      button.setAttribute("aria-pressed", pair.every((index) => axes.includes(index)));
+    }
+  }
+
+  /** Mark trade-offs; see `FrontPlot`. */
+  show(marks) {
+    const points = marks.map(({ weights }) => lowest(this.front.tradeoffs, (w) => distance(w, weights)));
+    for (const { rings, at } of this.cells) {
+      const circles = marks.map(({ fill, outline }, i) => {
+        const [cx, cy] = at(points[i]);
+        return svg("circle", { cx, cy, r: this.radius, fill, stroke: outline, class: "mark" });
+      });
+      rings.replaceChildren(...circles);
+    }
+  }
+
+  /** Draw the policies of a pair: one path for each color, since there may be thousands. */
+  #drawn(button, across, up) {
+    const { returns, tradeoffs, best } = this.front;
+    const scaled = (k, size) => {
+      const column = returns.map((row) => row[k]);
+      const front = column.filter((_, i) => best[i]);
+      const [low, high] = [Math.min(...front), Math.max(...front)];
+      const share = (value) => Math.min(Math.max((value - low) / (high - low || 1), 0), 1);
+      return (i) => MARGIN + share(column[i]) * (size - 2 * MARGIN);
+    };
+    const [x, y] = [scaled(across, WIDTH), scaled(up, HEIGHT)];
+    const at = (i) => [x(i), HEIGHT - y(i)];
+    const dots = new Map();
+    tradeoffs.forEach((weights, i) => {
+      const color = best[i] ? mixed(weights.map((w) => Math.round(4 * w) / 4)) : "var(--line)";
+      dots.set(color, `${dots.get(color) ?? ""}M${at(i).map((place) => place.toFixed(1)).join(" ")}h0`);
+    });
+    const paths = [...dots].map(([stroke, d]) => svg("path", { d, stroke, class: "dots" }));
+    const rings = svg("g");
+    button.append(svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "small" }, ...paths, rings));
+    return { button, rings, at, pair: [across, up] };
+  }
+}
