@@ -2,7 +2,6 @@
 
 import inspect
 import re
-import runpy
 import shlex
 import subprocess
 import sys
@@ -130,25 +129,6 @@ def test_python_runs(code, run, workplace, monkeypatch, request):
         signature = inspect.signature(wandb.init)
         monkeypatch.setattr(wandb, "init", lambda **o: nullcontext(signature.bind(**o)))
     exec(code, {})
-
-
-def commands_of_shown_scripts() -> list[tuple[str, str]]:
-    """Return (script, command line) where a page shows the script and how to run it."""
-    found = []
-    for text in (page.read_text() for page in PAGES):
-        shown = set(re.findall(r"^```python\n# (\w+\.py)\n", text, re.MULTILINE))
-        lines = re.findall(r"^python ((\w+\.py).*)", text, re.MULTILINE)
-        found += [(script, line) for line, script in lines if script in shown]
-    return found
-
-
-@pytest.mark.parametrize(("script", "line"), commands_of_shown_scripts())
-@pytest.mark.slow
-def test_shown_scripts_run(script, line, workplace, monkeypatch):
-    needs_modules(Path(script).read_text())
-    monkeypatch.setattr(sys, "argv", shlex.split(line))
-    runpy.run_path(script, run_name="__main__")
-    assert any(workplace.rglob("front.npz"))
 
 
 def test_the_shown_search_space_is_valid(workplace):
