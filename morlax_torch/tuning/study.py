@@ -27,7 +27,7 @@ try:
     from optuna.study import StudyDirection
     from optuna.trial import FrozenTrial, TrialState
 except ImportError as error:
-    needed = f"tuning needs {error.name}, which is not installed: {installation('tune')}."
+    needed = f"this search needs {error.name}, which is not installed: {installation('tune')}."
     raise MorlaxError(needed) from None
 
 optuna.logging.set_verbosity(optuna.logging.ERROR)
