@@ -128,8 +128,8 @@ def test_servos_and_punches_push_as_they_should(export, monkeypatch):
 
     monkeypatch.setattr(mujoco, "mj_step", step)
     monkeypatch.setattr("morlax_torch.viewers.playing.tour.LOWEST", -1.0)
-    tour(export, Policy(export), 5, 6.0)
-    steps = np.linalg.norm(forces, axis=1).reshape(300, 10)  # physics steps of control steps
+    tour(export, Policy(export), 5, 10.0)
+    steps = np.linalg.norm(forces, axis=1).reshape(500, 10)  # physics steps of control steps
     assert np.flatnonzero(steps[:, 0]).tolist() == [5, 6, 7, 8, 255, 256, 257, 258]
     _, _, wished = plan(np.random.default_rng(5))
     np.testing.assert_allclose(steps[5:9], np.linalg.norm(wished[0]), rtol=1e-6)
