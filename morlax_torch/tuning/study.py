@@ -78,11 +78,21 @@ class Search:
     def run(self, trials: int, stopped: Callable[[], bool] = bool, *callbacks: Callback) -> None:
         """Run trials until so many are finished, by all processes, or until `stopped`."""
         self._stopped = stopped
-        with suppress(InterruptedError):
-            while not stopped() and (number := len(self.finished())) < trials:
-                if number < ENOUGH or number % 2:
-                    self._propose()
-                self.study.optimize(self._run, 1, callbacks=[self.write, *callbacks])
+        try:
+            with suppress(InterruptedError):
+                while not stopped() and (number := len(self.finished())) < trials:
+                    if number < ENOUGH or number % 2:
+                        self._propose()
+                    self.study.optimize(self._run, 1, callbacks=[self.write, *callbacks])
+        except (
+            AssertionError,
+            OSError,
+        ) as error:  # on a full disk, Optuna raises one over the other
+            cause = error.__context__ if isinstance(error, AssertionError) else error
+            if isinstance(cause, OSError) and cause.filename is None:
+                with attempting(f"write to {self.folder}"):
+                    raise cause from None
+            raise
 
     def _propose(self) -> None:
         """Queue a trial near the best one: most random combinations of many options fail."""

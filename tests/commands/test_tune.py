@@ -1,7 +1,9 @@
 """Hyperparameter search: trials, their files, sharing, interruption, failures and bad spaces."""
 
 import csv
+import errno
 import math
+import os
 import random
 import signal
 import subprocess
@@ -18,6 +20,7 @@ import yaml
 
 pytest.importorskip("optuna", reason="needs the extra tune")
 
+from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial
 
 from morlax_torch import MorlaxError, config_for
@@ -353,6 +356,21 @@ def test_a_journal_that_cannot_be_used_is_one_sentence(damage, tmp_path, scripte
         assert journal.read_text() == whole + damage
         journal.write_text(whole)  # without the damaged line
         assert [trial.value for trial in search_at(tmp_path).finished()] == [2.0]
+
+
+@pytest.mark.parametrize("written", [0, 3])
+def test_a_full_disk_is_one_sentence(written, tmp_path, scripted, monkeypatch):
+    search, usual, calls = search_at(tmp_path), JournalFileBackend.append_logs, []
+
+    def append(self: JournalFileBackend, logs: list) -> None:
+        calls.append(logs)
+        if len(calls) > written:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        usual(self, logs)
+
+    monkeypatch.setattr(JournalFileBackend, "append_logs", append)
+    with pytest.raises(MorlaxError, match=f"cannot write to {tmp_path}: No space left on device"):
+        scripted(search, [1.0, 2.0], [1.0, 2.0])
 
 
 def test_a_study_keeps_what_its_trials_share(tmp_path):
