@@ -126,10 +126,10 @@ def _over_time(options: Choose, least: dict[str, float], most: dict[str, float])
     table = Table("value", *heads, box=None)
     for index in required.used:
         levels = [limit.shown(".5g") for limit in required.limits if limit.index == index]
-        values = (f"{found.values[0, index]:.5g}" for found in best.values())
+        values = (f"{column.values[0, index]:.5g}" for column in best.values())
         table.add_row(required.names[index], " and ".join(levels), *values)
-    table.add_row("falls", "", *(f"{found.falls[0]:.0%}" for found in best.values()))
-    kept = ("yes" if required.kept(found.values)[0] else "no" for found in best.values())
+    table.add_row("falls", "", *(f"{column.falls[0]:.0%}" for column in best.values()))
+    kept = ("yes" if required.kept(column.values)[0] else "no" for column in best.values())
     table.add_row("keeps the requirements", "", *kept)
     cli.console.print(table)
     cli.console.print(f"written: {file}", soft_wrap=True)

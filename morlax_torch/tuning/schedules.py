@@ -60,7 +60,7 @@ class Scheduler:
         if not np.isfinite(self._duration):
             raise MorlaxError(f"{policy.config.env} does not tell how long a control step takes.")
         self._windows: dict[str, tuple[int, float, float]] = {}  # value, start, end by name
-        named = [{self._name(name): x for name, x in given.items()} for given in (least, most)]
+        named = [{self._name(name): x for name, x in levels.items()} for levels in (least, most)]
         maximize = self._name(maximize)
         names = policy.objectives, (*env.quantities, *self._windows)
         self.required = Requirements.of(*names, named[0], maximize, named[1])
@@ -81,10 +81,10 @@ class Scheduler:
         weights = points.repeat(len(self._times), 1)
         cuts = range(POPULATION, len(weights), POPULATION)
         with within("front"):
-            known = Simulated.joined([self._simulate(part) for part in np.split(weights, cuts)])
-        self._span = self.required.span(known.values)
+            policies = Simulated.joined([self._simulate(part) for part in np.split(weights, cuts)])
+        self._span = self.required.span(policies.values)
         self.required = self.required.with_margin(self._margin, self._span)
-        ranked = self._ranked(known)
+        ranked = self._ranked(policies)
         constant = self._ranked(self._refined("constant", ranked.weights[:, :1]))
         moving = self._ranked(self._refined("over time", constant.weights))
         best = {"over time": moving, "constant": constant, "of the front": ranked}
@@ -110,9 +110,9 @@ class Scheduler:
         self._evaluator = simulator(self._policy, number, seeds, seed, alone)
         self._evaluator.compile()
 
-    def _name(self, given: str) -> str:
+    def _name(self, value: str) -> str:
         """Return the full name of a value, and keep its window, if any."""
-        short, _, window = (part.strip() for part in given.partition("@"))
+        short, _, window = (part.strip() for part in value.partition("@"))
         env = self._evaluator.env
         index = index_of(short, env.objectives, env.quantities)
         name = (*env.objectives, *env.quantities)[index]

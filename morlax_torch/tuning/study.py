@@ -187,17 +187,17 @@ def distributions(values: Mapping[str, Any], base: Config) -> dict[str, Any]:
     """Return Optuna's distributions of a search space, with the base config's values in each."""
     if not values:
         raise MorlaxError("the search space is empty: name options, such as ppo.epochs: [3, 4].")
-    found, options = {}, flat(base.model_dump(mode="json"))
+    space, options = {}, flat(base.model_dump(mode="json"))
     for name, choices in ((str(key), value) for key, value in values.items()):
         try:
             if name.partition(".")[0] in FIXED:
                 raise ValueError("all trials share it, so that they can be compared: leave it out")
-            found[name] = each = _distribution(choices, options.get(name))
+            space[name] = each = _distribution(choices, options.get(name))
             for value in vars(each).get("choices") or (each.low, each.high):
                 changed(base, {name: value}, DRAFT)
         except (MorlaxError, TypeError, ValueError) as error:
             raise MorlaxError(f"the search space: {name}: {str(error).rstrip('.')}.") from None
-    return found
+    return space
 
 
 def _distribution(choices: Any, base: Any) -> Any:
@@ -211,8 +211,8 @@ def _distribution(choices: Any, base: Any) -> Any:
         raise ValueError(f"for {base} in the base config, use a list of values")
     # YAML takes 1e-4 as text
     fields: Any = {key: float(x) if isinstance(x, str) else x for key, x in choices.items()}
-    whole = all(isinstance(value, int) for value in (base, *fields.values()))
-    kind = IntDistribution if whole else FloatDistribution
+    integer = all(isinstance(value, int) for value in (base, *fields.values()))
+    kind = IntDistribution if integer else FloatDistribution
     each = kind(**fields)
     return kind(**fields | {"low": min(each.low, base), "high": max(each.high, base)})
 

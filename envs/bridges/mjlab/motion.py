@@ -70,18 +70,18 @@ def _from_npz(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, float]:
             "and its frame rate, fps."
         )
     angles, speeds, positions, rotations = (motion[name] for name in KEYS[:4])
-    found, own = (angles.shape[-1], positions.shape[1]), (model.nq - 7, model.nbody - 1)
-    if found != own:
+    sizes, expected = (angles.shape[-1], positions.shape[1]), (model.nq - 7, model.nbody - 1)
+    if sizes != expected:
         raise MorlaxError(
-            f"{path} is a motion of another robot: it has {found[0]} joints and {found[1]} bodies, "
-            f"and this robot {own[0]} and {own[1]}."
+            f"{path} is a motion of another robot: it has {sizes[0]} joints and {sizes[1]} bodies, "
+            f"and this robot {expected[0]} and {expected[1]}."
         )
     fps = float(np.ravel(motion["fps"])[0])
-    moved, told = np.linalg.norm(np.diff(angles, axis=0)), np.linalg.norm(speeds[:-1])
-    if not fps > 0 or told < 0.7 * fps * moved or told > 1.4 * fps * moved:
+    change, speed = np.linalg.norm(np.diff(angles, axis=0)), np.linalg.norm(speeds[:-1])
+    if not fps > 0 or speed < 0.7 * fps * change or speed > 1.4 * fps * change:
         raise MorlaxError(
             f"{path} says {fps:g} frames per second, but its joint_vel is that of about "
-            f"{told / max(moved, 1e-9):.0f}: correct its fps."
+            f"{speed / max(change, 1e-9):.0f}: correct its fps."
         )
     return np.concatenate([positions[:, 0], rotations[:, 0], angles], 1).astype(float), fps
 

@@ -42,8 +42,8 @@ class Follower(Robot):
         aims = self._aims()
         step = super().step(action)
         error = 1000 * np.linalg.norm(self.data.xpos[self._bodies] - aims, axis=1).mean()
-        place, turn, aim, aimed = self._anchors()
-        stands = abs(place - aim)[2] < LOW and abs(turn - aimed)[2, 2] < TILTED
+        position, turn, aim, aimed = self._anchors()
+        stands = abs(position - aim)[2] < LOW and abs(turn - aimed)[2, 2] < TILTED
         self.frame += 1
         over = self.frame >= len(self.motion.joint_pos) + round(HOLD / self.dt)
         fallen = not stands or self.broken()
@@ -76,21 +76,21 @@ class Follower(Robot):
 
         The anchor body has the robot's place on the ground and its heading.
         """
-        place, turn, aim, aimed = self._anchors()
+        position, turn, aim, aimed = self._anchors()
         (x, *_), (y, *_), _ = turn @ aimed.T
         cos, sin = np.array([x, y]) / math.hypot(x, y)
         heading = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
         around = (self.motion.body_pos_w[self._at] - aim) @ heading.T
-        return np.array([*place[:2], aim[2]]) + around
+        return np.array([*position[:2], aim[2]]) + around
 
     def _read(self, name: str, params: dict) -> Array:
-        place, turn, aim, aimed = self._anchors()
+        position, turn, aim, aimed = self._anchors()
         match name:
             case "motion_command":
                 speeds = self.motion.joint_vel[self._at] * (self.frame == self._at)
                 return np.concatenate([self.motion.joint_pos[self._at], speeds])
             case "motion_anchor_pos_b":
-                return (aim - place) @ turn
+                return (aim - position) @ turn
             case "motion_anchor_ori_b":
                 return (turn.T @ aimed)[:, :2].ravel()
         return super()._read(name, params)

@@ -186,10 +186,13 @@ def tour(deployment: Export, policy: Policy, run_id: int, seconds: float = WALK)
     reached, errors, rows, fallen = np.zeros(2, bool), [], [], False
     for step in range(round(seconds / robot.dt)):
         index, since = divmod(step, segment)
-        place, heading = robot.pose()
-        if fallen := place[2] < LOWEST or robot.broken():
+        position, heading = robot.pose()
+        if fallen := position[2] < LOWEST or robot.broken():
             break
-        (x, y), (cos, sin) = points[index, :2] - place[:2], (math.cos(heading), math.sin(heading))
+        (x, y), (cos, sin) = (
+            points[index, :2] - position[:2],
+            (math.cos(heading), math.sin(heading)),
+        )
         yaw = math.remainder(points[index, 2] - heading, math.tau)
         errors.append((100 * math.hypot(x, y), math.degrees(abs(yaw))))
         reached &= since > 0
@@ -197,10 +200,10 @@ def tour(deployment: Export, policy: Policy, run_id: int, seconds: float = WALK)
         action = policy.act(robot.observe(command(error, reached, limits)))
         force = forces[index] if begin <= since < end else np.zeros(3)
         rows.append(robot.walk(action, next(arms), joints[index], force))
-    position, yaw = np.mean([*errors[segment - 1 : -1 : segment], errors[-1]], 0).tolist()
+    distance, yaw = np.mean([*errors[segment - 1 : -1 : segment], errors[-1]], 0).tolist()
     torques, speeds = np.array(rows).swapaxes(0, 1)
     energy, vibration = costs(torques, speeds, robot.dt)
-    return Run(len(rows) * robot.dt, not fallen, position, yaw, energy, vibration)
+    return Run(len(rows) * robot.dt, not fallen, distance, yaw, energy, vibration)
 
 
 def score(
