@@ -189,10 +189,8 @@ def tour(deployment: Export, policy: Policy, run_id: int, seconds: float = WALK)
         position, heading = robot.pose()
         if fallen := position[2] < LOWEST or robot.broken():
             break
-        (x, y), (cos, sin) = (
-            points[index, :2] - position[:2],
-            (math.cos(heading), math.sin(heading)),
-        )
+        x, y = points[index, :2] - position[:2]
+        cos, sin = math.cos(heading), math.sin(heading)
         yaw = math.remainder(points[index, 2] - heading, math.tau)
         errors.append((100 * math.hypot(x, y), math.degrees(abs(yaw))))
         reached &= since > 0
