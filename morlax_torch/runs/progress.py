@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..evaluation.front import Front, hypervolume_in
 from ..host.files import AnyPath, read
 from ..host.torchrun import launch
 
+FRONTS = "fronts"  # folder in that of a run
 BEST = "best"  # column: 1 if the checkpoint of the evaluation became best.pt, else 0
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume
 
@@ -98,6 +100,26 @@ class History(NamedTuple):
         rows = read_rows(path)
         values = [[*(float(row[n]) for n in COUNTERS[1:]), hypervolume_of(row)] for row in rows]
         return cls(*np.transpose(values))
+
+
+class Moment(NamedTuple):
+    """An evaluation whose front a run has kept."""
+
+    env_steps: float
+    train_seconds: float
+    hypervolume: float
+    file: Path  # of the front
+
+    @classmethod
+    def all_of(cls, run: Path) -> list[Self]:
+        """Return the moments of a run's folder, the newest last; none if it has kept no fronts."""
+        moments = []
+        for row in read_rows(run / "metrics.csv") if (run / FRONTS).is_dir() else ():
+            counters = (float(row[name]) for name in COUNTERS[1:])
+            file = run / FRONTS / f"{row['iteration']}.npz"
+            if file.is_file():
+                moments.append(cls(*counters, hypervolume_of(row), file))
+        return moments
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:

@@ -13,8 +13,10 @@ from ..envs.worlds.trees import horizontal
 from ..evaluation import pareto
 from ..evaluation.evaluator import DISCOUNT
 from ..evaluation.front import Front
+from ..runs.progress import Moment
 from .camera import shown_geoms
 
+MOST_DRAWN = 128  # policies of a front that is past
 VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
 SHAPES = (  # what the page draws; see mjModel
     *("geom_type", "geom_bodyid", "geom_group", "geom_matid", "geom_dataid"),
@@ -99,6 +101,29 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
         "falls": falls.round(4).tolist(),
         "pair": axes[list(pareto.conflicting_pairs(signed)[0])].tolist(),
         "checkpoint": front.checkpoint,
+        "fingerprint": front.fingerprint,
+    }
+
+
+def moment_map(moment: Moment) -> dict[str, Any]:
+    """Describe a front of a run's training by its non-dominated policies, of which a few suffice.
+
+    `values` are returns, then quantities, and None where they are not finite.
+    """
+    front = Front.load(moment.file)
+    best = np.flatnonzero(front.non_dominated)
+    shown = best[np.linspace(0, len(best) - 1, min(len(best), MOST_DRAWN)).round().astype(int)]
+
+    def plain(values: NDArray) -> list[list[float | None]]:  # four digits are finer than pixels
+        return [[float(f"{x:.4g}") if np.isfinite(x) else None for x in row] for row in values]
+
+    return {
+        "steps": moment.env_steps,
+        "seconds": moment.train_seconds,
+        "hypervolume": moment.hypervolume,
+        "fingerprint": front.fingerprint,
+        "tradeoffs": plain(front.tradeoffs[shown]),
+        "values": plain(front.values[shown]),
     }
 
 

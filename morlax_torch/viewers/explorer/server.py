@@ -75,6 +75,11 @@ class Server:
         async with serve(self._talk, sock=self._socket, **options):  # type: ignore[arg-type]
             await self._over.wait()
 
+    @property
+    def watched(self) -> bool:
+        """Whether a tab is open."""
+        return bool(self._tabs)
+
     def send(self, message: str | bytes, to: ServerConnection | None = None) -> None:
         """Send a message to one tab, or to all that got one before; from any thread, at once."""
         self._loop.call_soon_threadsafe(self._send, message, to)

@@ -69,6 +69,9 @@ export function onDrag(drawing, choose, hover = () => {}) {
   });
 }
 
+/** Return the path of a line through places [x, y]. */
+export const lined = (places) => places.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
+
 /** Return round numbers within [low, high], about `count` of them. */
 export function ticks(low, high, count = 4) {
   const rough = (high - low) / count;
