@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+from ..envs import MorlaxError
 from .terminal import cli
 from .terminal.arguments import OfRun, Texts, arg, numbers, parse
 
@@ -25,8 +26,9 @@ class Record(OfRun):
     output: Path | None = None
     """Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip (None: film.mp4 in the run's
     folder, or NAME.mp4 in the working directory for a shipped policy)."""
-    seconds: float = 5.0
-    """Duration, in seconds of simulated time. A film strip shows the end of it."""
+    seconds: float | None = None
+    """Duration, in seconds of simulated time (None: 5, or 30 of a training). A film strip shows the
+    end of it."""
     speed: float = 1.0
     """Playback speed; 0.5 is slow motion. Ignored for a film strip."""
     width: int = 480
@@ -40,6 +42,9 @@ class Record(OfRun):
     """Random seed of the world."""
     sweep: bool = False
     """Film one robot whose trade-off moves along the front, beside the front."""
+    training: bool = False
+    """Film how the front and its hypervolume grew in training, beside the trained robot (with no
+    trade-off, under both plotted objectives alone)."""
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -47,7 +52,9 @@ def command(arguments: Sequence[str]) -> None:
     with cli.Live():
         from ..configuration.schedules import Schedule
         from ..runs import loading  # imports torch
-        from ..viewers.filming.recording import record
+        from ..runs.progress import Moment
+        from ..viewers.filming.growth import Growth
+        from ..viewers.filming.recording import ENDINGS, record, write_film
 
         run, objectives = options.run, loading.objectives_of(options.run)
         tradeoffs = [
@@ -63,7 +70,14 @@ def command(arguments: Sequence[str]) -> None:
         front = loading.load_front(run) if options.sweep else None
         example = "--body thigh=0.4,calf=0.3"
         bodies = [dict(numbers(text.split(","), example)) for text in options.body]
-        time = options.seconds, options.speed
-        sizes = options.width, options.height, options.pictures
-        record(policy, file, tradeoffs, *time, *sizes, options.seed, front, bodies)
+        seconds = options.seconds or (30.0 if options.training else 5.0)
+        sizes, seed = (options.width, options.height), options.seed
+        if not options.training:
+            more = *sizes, options.pictures, seed, front, bodies
+            record(policy, file, tradeoffs, seconds, options.speed, *more)
+        elif options.sweep or bodies or file.suffix.lower() not in ENDINGS:
+            raise MorlaxError("--training is a film (.mp4 or .gif): without --sweep and --body.")
+        else:
+            growth = Growth(policy, Moment.all_of(loading.find_run(run)), tradeoffs, *sizes, seed)
+            write_film(growth, file, seconds, options.speed)
     cli.console.print(f"written: {file}")

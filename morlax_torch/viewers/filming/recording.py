@@ -147,6 +147,7 @@ class Take:
 
     def __init__(self, player: Player, width: int, height: int):
         self.player = player
+        self.note = ""  # before the time
         self.failed = False
         self._frozen: Image.Image | None = None  # its picture since it failed
         # the robot stands right of the table or below it; in a small picture, anywhere
@@ -181,7 +182,8 @@ class Take:
         clock = f"{self.player.steps * self.player.env.dt:.2f} s"
         if self.failed:
             picture, clock = panels.dimmed(picture), f"failed after {clock}"
-        picture = panels.captioned(picture, self._table(), ", ".join([*self._body(), clock]))
+        words = filter(None, [*self._body(), self.note, clock])
+        picture = panels.captioned(picture, self._table(), ", ".join(words))
         self._frozen = picture if self.failed else None
         return picture
 
@@ -312,8 +314,13 @@ def record(
     if ending == ".png":
         write_file(output, png(film.strip(seconds, pictures)))
     else:
-        stride, fps = film.pace(speed, FASTEST[ending])
-        write_video(output, film.frames(seconds, stride), fps)
+        write_film(film, output, seconds, speed)
+
+
+def write_film(film: Film, output: Path, seconds: float, speed: float) -> None:
+    """Write a film; see `record`."""
+    stride, fps = film.pace(speed, FASTEST[output.suffix.lower()])
+    write_video(output, film.frames(seconds, stride), fps)
 
 
 def _posed(model: mujoco.MjModel, qpos: ArrayLike) -> mujoco.MjData:

@@ -201,11 +201,11 @@ export class Panel {
 }
 
 /** Return what the marks on the front mean. */
-function legend({ best, fails, checkpoint }, moments) {
+function legend({ best, fails, checkpoint, returns }, moments) {
   const entries = [["mixed", "on the front"]];
   if (best.some((one, i) => !one && !fails[i])) entries.push(["gray", "dominated"]);
   if (fails.includes(true)) entries.push(["cross", "falls in most episodes"]);
-  if (moments.length > 1) entries.push(["line", "earlier"]);
+  if (moments.length > 1) entries.push([returns[0].length === 2 ? "line" : "gray", "earlier"]);
   entries.push(["ring", "yours"], ["", `from ${checkpoint}`]);
   return entries.map(([look, textContent]) => html("span", { className: look && `key ${look}`, textContent }));
 }
