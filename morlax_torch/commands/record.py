@@ -1,6 +1,7 @@
 """Record a trained policy under several trade-offs: MP4, GIF, or a film strip for a paper."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -52,9 +53,9 @@ def command(arguments: Sequence[str]) -> None:
     with cli.Live():
         from ..configuration.schedules import Schedule
         from ..runs import loading  # imports torch
-        from ..runs.progress import Moment
+        from ..runs.progress import kept_fronts
         from ..viewers.filming.growth import Growth
-        from ..viewers.filming.recording import ENDINGS, record, write_film
+        from ..viewers.filming.recording import Sweep, record
 
         run, objectives = options.run, loading.objectives_of(options.run)
         tradeoffs = [
@@ -67,17 +68,17 @@ def command(arguments: Sequence[str]) -> None:
         folder = loading.own_folder(run)
         usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")
         file = options.output or usual
-        front = loading.load_front(run) if options.sweep else None
         example = "--body thigh=0.4,calf=0.3"
         bodies = [dict(numbers(text.split(","), example)) for text in options.body]
-        seconds = options.seconds or (30.0 if options.training else 5.0)
-        sizes, seed = (options.width, options.height), options.seed
-        if not options.training:
-            more = *sizes, options.pictures, seed, front, bodies
-            record(policy, file, tradeoffs, seconds, options.speed, *more)
-        elif options.sweep or bodies or file.suffix.lower() not in ENDINGS:
-            raise MorlaxError("--training is a film (.mp4 or .gif): without --sweep and --body.")
-        else:
-            growth = Growth(policy, Moment.all_of(loading.find_run(run)), tradeoffs, *sizes, seed)
-            write_film(growth, file, seconds, options.speed)
+        special, seconds = None, options.seconds or (30.0 if options.training else 5.0)
+        if options.sweep and options.training:
+            raise MorlaxError("choose --sweep or --training.")
+        if options.sweep:
+            special = partial(Sweep, policy, loading.load_front(run))
+        elif options.training:
+            special = partial(Growth, policy, kept_fronts(loading.find_run(run)), tradeoffs)
+            tradeoffs = []
+        sizes = options.width, options.height, options.pictures
+        others = *sizes, options.seed, special, bodies
+        record(policy, file, tradeoffs, seconds, options.speed, *others)
     cli.console.print(f"written: {file}")

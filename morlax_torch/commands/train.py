@@ -6,12 +6,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
-from ..envs import MorlaxError
-from ..envs.making import has_robot
 from ..host.torchrun import FIRST
 from .explore import BESIDE
 from .terminal import cli
@@ -36,7 +34,9 @@ def command(arguments: Sequence[str]) -> None:
         from .terminal.display import Display
 
         if start.explore:
-            _check_page(config.env)
+            from ..viewers.explorer.page import files
+
+            files()  # refuses without the extra
         session = Session.of(config, run, start.output)
     assert session.run is not None
     gather, ended = session.learner.group.gather, False
@@ -48,8 +48,8 @@ def command(arguments: Sequence[str]) -> None:
             ended = True  # a later signal finds a run that has reached its limit
         return ended
 
-    with interruptible() as interrupted, ExitStack() as stack:
-        page = stack.enter_context(_page(session.run.folder)) if start.explore and FIRST else None
+    with interruptible() as interrupted:
+        page = _page(session.run.folder) if start.explore and FIRST else None
         with (
             Display(session.learner, session.run.folder, session.progress) as display,
             closing(session.training(began, stopped=stopped)) as evaluations,
@@ -65,38 +65,19 @@ def command(arguments: Sequence[str]) -> None:
         interrupted.exit()
 
 
-def _check_page(env: str) -> None:
-    """Raise MorlaxError if a page cannot be served, or has no robot to show."""
-    from ..viewers.explorer.page import files
+def _page(run: Path) -> subprocess.Popen:
+    """Show a run in another process, on the CPU, until this one ends; return that process."""
+    words = sys.executable, "-m", "morlax_torch", "explore", str(run), "--trust"
+    env = {**os.environ, BESIDE: str(os.getpid()), "WORLD_SIZE": "1", "CUDA_VISIBLE_DEVICES": ""}
+    pipe = subprocess.PIPE
+    page = subprocess.Popen(words, env=env, stdout=pipe, stderr=subprocess.STDOUT, text=True)
 
-    if not has_robot(env):
-        raise MorlaxError(f"{env} has no MuJoCo robot to show: leave out --explore.")
-    files()
+    def tell() -> None:  # without breaking the moving bar
+        for line in page.stdout or ():
+            cli.console.print(line.rstrip().removesuffix("  (Ctrl-C to stop)"), soft_wrap=True)
 
-
-@contextmanager
-def _page(run: Path) -> Iterator[subprocess.Popen]:
-    """Show a run in another process, on the CPU and behind training, while the block runs."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch", "explore", str(run), "--trust"],
-        env={**os.environ, BESIDE: str(os.getpid()), "WORLD_SIZE": "1", "CUDA_VISIBLE_DEVICES": ""},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,  # Ctrl-C is for training
-    )
-
-    with process as page:
-
-        def tell() -> None:  # what the page prints, without breaking the moving bar
-            for line in page.stdout or ():
-                cli.console.print(line.rstrip().removesuffix("  (Ctrl-C to stop)"), soft_wrap=True)
-
-        threading.Thread(target=tell, daemon=True).start()
-        try:
-            yield page
-        finally:
-            page.terminate()
+    threading.Thread(target=tell, daemon=True).start()
+    return page
 
 
 def main() -> None:

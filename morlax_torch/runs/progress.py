@@ -16,6 +16,7 @@ from ..host.files import AnyPath, read
 from ..host.torchrun import launch
 
 FRONTS = "fronts"  # folder in that of a run
+Kept = dict[Path, tuple[float, float, float]]  # env_steps, train_seconds, hypervolume by file
 BEST = "best"  # column: 1 if the checkpoint of the evaluation became best.pt, else 0
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume
 
@@ -102,24 +103,15 @@ class History(NamedTuple):
         return cls(*np.transpose(values))
 
 
-class Moment(NamedTuple):
-    """An evaluation whose front a run has kept."""
-
-    env_steps: float
-    train_seconds: float
-    hypervolume: float
-    file: Path  # of the front
-
-    @classmethod
-    def all_of(cls, run: Path) -> list[Self]:
-        """Return the moments of a run's folder, the newest last; none if it has kept no fronts."""
-        moments = []
-        for row in read_rows(run / "metrics.csv") if (run / FRONTS).is_dir() else ():
-            counters = (float(row[name]) for name in COUNTERS[1:])
-            file = run / FRONTS / f"{row['iteration']}.npz"
-            if file.is_file():
-                moments.append(cls(*counters, hypervolume_of(row), file))
-        return moments
+def kept_fronts(run: Path) -> Kept:
+    """Return the fronts that a run has kept, from the first evaluation to the newest."""
+    rows = read_rows(run / "metrics.csv") if (run / FRONTS).is_dir() else ()
+    files = {run / FRONTS / f"{row['iteration']}.npz": row for row in rows}
+    return {
+        file: (float(row["env_steps"]), float(row["train_seconds"]), hypervolume_of(row))
+        for file, row in files.items()
+        if file.is_file()
+    }
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:

@@ -339,10 +339,8 @@ def is_training(folder: Path) -> bool:
     try:
         if (folder / LOCK).exists():
             FileLock(folder / LOCK, timeout=0).acquire().lock.release()
-    except Timeout:
-        return True
-    except OSError:  # another user's run
-        pass
+    except OSError as error:  # or it is another user's run, which cannot be locked
+        return isinstance(error, Timeout)
     return False
 
 

@@ -1,7 +1,9 @@
 """Descriptions of a task, its model and its front for the page."""
 
 import json
+from functools import lru_cache
 from inspect import cleandoc
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -13,7 +15,6 @@ from ..envs.worlds.trees import horizontal
 from ..evaluation import pareto
 from ..evaluation.evaluator import DISCOUNT
 from ..evaluation.front import Front
-from ..runs.progress import Moment
 from .camera import shown_geoms
 
 MOST_DRAWN = 128  # policies of a front that is past
@@ -105,25 +106,20 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
     }
 
 
-def moment_map(moment: Moment) -> dict[str, Any]:
-    """Describe a front of a run's training by its non-dominated policies, of which a few suffice.
+@lru_cache(1000)
+def moment_map(file: Path, *numbers: float) -> dict[str, Any]:
+    """Describe one of `kept_fronts`: its numbers, and a few of its non-dominated policies.
 
-    `values` are returns, then quantities, and None where they are not finite.
+    `values` are returns, then quantities.
     """
-    front = Front.load(moment.file)
+    front = Front.load(file)
     best = np.flatnonzero(front.non_dominated)
-    shown = best[np.linspace(0, len(best) - 1, min(len(best), MOST_DRAWN)).round().astype(int)]
-
-    def plain(values: NDArray) -> list[list[float | None]]:  # four digits are finer than pixels
-        return [[float(f"{x:.4g}") if np.isfinite(x) else None for x in row] for row in values]
-
+    shown = best[:: -(-len(best) // MOST_DRAWN)]
     return {
-        "steps": moment.env_steps,
-        "seconds": moment.train_seconds,
-        "hypervolume": moment.hypervolume,
+        "numbers": numbers,
         "fingerprint": front.fingerprint,
-        "tradeoffs": plain(front.tradeoffs[shown]),
-        "values": plain(front.values[shown]),
+        "tradeoffs": front.tradeoffs[shown].round(3).tolist(),
+        "values": front.values[shown].round(3).tolist(),
     }
 
 

@@ -17,7 +17,7 @@ from ...networks.policy import Policy
 from ...runs.checkpoint import folder_of
 from ...runs.choosing import Chooser
 from ...runs.loading import bookmark, bookmarks, evaluate, own_folder, rename_bookmark
-from ...runs.progress import Moment
+from ...runs.progress import kept_fronts
 from ..describing import front_map, moment_map
 from . import library
 from .comparisons import Comparison
@@ -138,13 +138,10 @@ class Thresholds:
 Written = tuple[library.Choice, Policy, Front | None, list[dict[str, Any]]]
 
 
-def _read(choice: library.Choice, before: list[dict[str, Any]]) -> Written:
-    """Read what training has written since `before`, its moments that are known."""
-    known = {(moment["steps"], moment["seconds"]): moment for moment in before}
-    moments = [
-        known.get((moment.env_steps, moment.train_seconds)) or moment_map(moment)
-        for moment in Moment.all_of(folder_of(choice.file))
-    ]
+def _read(choice: library.Choice) -> Written:
+    """Read what training has written."""
+    kept = kept_fronts(folder_of(choice.file))
+    moments = [moment_map(file, *numbers) for file, numbers in kept.items()]
     return library.choose(choice.run, choice.checkpoint), *policies_of(choice), moments
 
 
@@ -178,8 +175,7 @@ class RunExhibit:
         self._chosen: Thresholds | None = None
         self._written: list[int] | None = None  # when the files that were read were written
         self._training: list[dict[str, Any]] = []  # moments of it
-        self._mapped: Front | None = None
-        self._map: dict[str, Any] | None = None  # of that front, which the page shows
+        self._map: dict[str, Any] | None = None  # of the latest front
 
     @property
     def robots(self) -> Sequence[Session]:
@@ -191,9 +187,7 @@ class RunExhibit:
 
     def state(self) -> dict[str, Any]:
         self._follow()
-        thresholds, env = self._thresholds(), self._steered.player.env
-        if self._front is not None and self._front is not self._mapped:
-            self._mapped, self._map = self._front, front_map(self._front, env)
+        thresholds = self._thresholds()
         return {
             "front": self._map,
             "training": self._training,
@@ -349,29 +343,26 @@ class RunExhibit:
         if self._reading or time.monotonic() < self._looked + LOOK:
             return
         self._looked, written = time.monotonic(), self._choice.written()
-        if written != self._written and not self._judging():
-            self._reading, work = True, partial(_read, self._choice, self._training)
+        if written != self._written and not self._judges():
+            self._reading, work = True, partial(_read, self._choice)
             _aside(work, self._put, partial(self._renew, self._choice, written))
 
-    def _judging(self) -> bool:
+    def _judges(self) -> bool:
         """Return whether a user judges policies, which therefore stay as they are."""
-        levels = self._chosen.levels if self._chosen else None
-        return bool(self._asking or levels or self._stale or self._steered.reshaped)
+        levels = self._chosen and self._chosen.levels
+        return bool(self._asking or levels or self._steered.reshaped)
 
     def _renew(self, choice: library.Choice, written: list[int], done: Future[Written]) -> None:
         """Show what training has written, if the page still shows that checkpoint."""
         self._reading = False
-        if choice is not self._choice or self._judging():
+        if choice is not self._choice or self._judges():
             return
-        with suppress(MorlaxError):  # training has replaced a file meanwhile: it is read again
+        with suppress(MorlaxError):  # training has removed a file meanwhile: read again
             self._choice, policy, front, self._training = done.result()
-            self._written, former = written, self._front
-            if front and front.fingerprint != (former.fingerprint if former else ""):
+            self._written = written
+            if front and (not self._front or front.fingerprint != self._front.fingerprint):
                 for session in self._sessions:
                     session.renew(policy, front)
-                maximized = self._chosen.maximized if self._chosen else 0
-                if thresholds := self._thresholds():
-                    thresholds.maximized = maximized
 
     def _thresholds(self) -> Thresholds | None:
         """Return the thresholds for the steered robot's front, if it has one."""
@@ -380,6 +371,7 @@ class RunExhibit:
             self._front, self._chosen = session.front, None
             if session.front is not None:
                 self._chosen = Thresholds(session, session.front, self._put, self._steer)
+                self._map = front_map(session.front, session.player.env)
         return self._chosen
 
     def _runs(self) -> dict[str, str]:

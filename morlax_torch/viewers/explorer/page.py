@@ -88,8 +88,8 @@ class Page:
         """Move the robots in real time while browsers watch, until `ended` returns true."""
         frame = shown = 0.0
         while not ended():
-            rests = self._paused or not self._server.watched
-            now, pace = time.perf_counter(), 0.0 if rests else self._pace
+            moves = self._server.tabs and not self._paused
+            now, pace = time.perf_counter(), self._pace if moves else 0.0
             if failure := self._attempt(partial(self._advance, now, pace)):
                 self._paused, self._failure = True, failure
             if now >= shown:

@@ -16,14 +16,14 @@ export class TrainingPanel {
     };
     $("moment").oninput = () => ask(Number($("moment").value));
     $("grow").onclick = () => (this.began = this.began === null ? performance.now() : null);
-    const near = ([x]) => ask(lowest(this.moments, ({ seconds }) => Math.abs(this.#across(seconds) - x)));
+    const near = ([x]) => ask(lowest(this.moments, ({ numbers: [, seconds] }) => Math.abs(this.#across(seconds) - x)));
     const label = "Hypervolume of the front over the seconds of training";
     const look = { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart growth", role: "img", "aria-label": label };
     onDrag((this.drawing = svg("svg", look)), near);
     $("growth").replaceChildren(this.drawing);
   }
 
-  /** The evaluations whose fronts the run has kept, the newest last. */
+  /** The evaluations whose fronts the run has kept, the newest last: steps, seconds and hypervolume are `numbers`. */
   get moments() {
     return this.engine.state?.training ?? NONE;
   }
@@ -45,8 +45,8 @@ export class TrainingPanel {
     if ($("training-section").hidden) return;
     this.#play();
     const at = Math.min(this.asked ?? this.present, moments.length - 1);
-    if (!isNews(this, at, moments.length, moments.at(-1).seconds, this.began !== null)) return;
-    const { seconds, steps, hypervolume } = moments[at];
+    if (!isNews(this, at, moments.length, moments.at(-1).numbers, this.began !== null)) return;
+    const [steps, seconds, hypervolume] = moments[at].numbers;
     const text = `after ${short(seconds)} s of training, ${short(steps)} steps: hypervolume ${short(hypervolume)}`;
     $("grow").textContent = this.began === null ? "play" : "stop";
     Object.assign($("moment"), { max: moments.length - 1, value: at, ariaValueText: text });
@@ -63,16 +63,16 @@ export class TrainingPanel {
   }
 
   #across(seconds) {
-    return LEFT + (seconds / (this.moments.at(-1).seconds || 1)) * (WIDTH - LEFT - RIGHT);
+    return LEFT + (seconds / (this.moments.at(-1).numbers[1] || 1)) * (WIDTH - LEFT - RIGHT);
   }
 
   #draw(at) {
     const { moments } = this;
-    const high = Math.max(...moments.map(({ hypervolume }) => hypervolume)) || 1;
+    const high = Math.max(...moments.map(({ numbers }) => numbers[2])) || 1;
     const y = (volume) => HEIGHT - BOTTOM - (volume / high) * (HEIGHT - TOP - BOTTOM);
-    const places = moments.map(({ seconds, hypervolume }) => [this.#across(seconds), y(hypervolume)]);
+    const places = moments.map(({ numbers: [, seconds, hypervolume] }) => [this.#across(seconds), y(hypervolume)]);
     const bottom = HEIGHT - BOTTOM;
-    const times = ticks(0, moments.at(-1).seconds || 1).map((value) => [this.#across(value), value]);
+    const times = ticks(0, moments.at(-1).numbers[1] || 1).map((value) => [this.#across(value), value]);
     const look = { class: "tick", "text-anchor": "middle" };
     const [cx, cy] = places[at];
     this.drawing.replaceChildren(
