@@ -70,7 +70,9 @@ def command(arguments: Sequence[str]) -> None:
         file = options.output or usual
         example = "--body thigh=0.4,calf=0.3"
         bodies = [dict(numbers(text.split(","), example)) for text in options.body]
-        special, seconds = None, options.seconds or (30.0 if options.training else 5.0)
+        special, seconds = None, options.seconds
+        if seconds is None:
+            seconds = 30.0 if options.training else 5.0
         if options.sweep and options.training:
             raise MorlaxError("choose --sweep or --training.")
         if options.sweep:
