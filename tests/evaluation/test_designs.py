@@ -440,24 +440,25 @@ def test_a_slider_changes_the_body_and_then_the_front(run):
     waiting = Queue[Any]()
     exhibit = RunExhibit(choose(str(run), None), waiting.put)
     session = exhibit.robots[0]
-    robot, model = session.robot, session.model
+    opened, model = session.opened, session.model
     assert exhibit.state()["design"] == [0.33, 0.32] and exhibit.state()["measured"]
     exhibit.react({"act": "reshape", "index": 1, "value": 9.0})  # clamped
     design = {"thigh": 0.33, "calf": 0.5}
-    assert session.model is not model and session.robot is robot  # the panel stays
+    assert session.model is not model and session.opened is opened  # the panel stays
     assert session.model.geom("calf").size[1] == pytest.approx(0.25)
     assert exhibit.state()["design"] == [0.33, 0.5] and not exhibit.state()["measured"]
     assert exhibit.state()["choosing"] is None and session.front is None
     exhibit.react({"act": "press", "name": "add"})
     assert len({id(each.player.policy) for each in exhibit.robots}) == 1
     exhibit.react({"act": "press", "name": "measure"})
-    waiting.get(timeout=PATIENCE)()
+    while not exhibit.state()["measured"]:
+        waiting.get(timeout=PATIENCE)()
     policy = morlax_torch.load(run).for_design(design)
     expected = evaluate(policy, 33, device="cpu").returns
     for session in exhibit.robots:
         assert session.front.returns == pytest.approx(expected)
-        assert session.robot is not robot
-    assert exhibit.state()["measured"] and exhibit.state()["choosing"] is not None
+    state = exhibit.state()
+    assert state["front"]["checkpoint"] == "this body" and state["choosing"] is not None
 
 
 def test_a_front_of_a_former_body_is_not_shown(run):
