@@ -17,7 +17,6 @@ TINY = (
 )
 LINES = {
     "train": ("--env", "cheetah", *TINY, "--max-env-steps", "64", "--output", "run"),
-    "tune": ("--env", "hopper", *TINY, "--trials", "1", "--seconds", "1", "--output", "tuning"),
     "evaluate": ("run", "--device", "cpu"),
     "figures": ("run", "--output", "paper"),
     "choose": ("run", "--maximize", "energy"),
@@ -31,7 +30,7 @@ BODIES = (
     *("--max-env-steps", "64", "--output", "bodies"),
 )
 WRITTEN = {
-    *("run/front.npz", "tuning/best.yaml", "run/report.html", "strip.png", "run/policy.onnx"),
+    *("run/front.npz", "run/report.html", "strip.png", "run/policy.onnx"),
     *("small/front.npz", "paper/front.pdf", "paper/indicators.tex"),
     "bodies/designs/body.xml",
 }

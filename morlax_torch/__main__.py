@@ -10,7 +10,6 @@ from .envs.errors import unknown
 
 COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",
-    "tune": "search for a task's hyperparameters",
     "evaluate": "measure the fronts of trained runs",
     "figures": "write figures and a table of evaluated runs for a paper",
     "choose": "find the trade-off that meets a requirement",

@@ -13,7 +13,6 @@ from tiny import tiny
 
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
-from morlax_torch.commands import tune
 from morlax_torch.commands.terminal import arguments, cli, display
 from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.configuration.config import Config, config_class, flat
@@ -140,7 +139,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
-    models = [arguments.Train, tune.Tune]
+    models = [arguments.Train]
     models += [config_class(env, name) for name in ALGORITHMS]
     for model in models:
         assert not undescribed(model)

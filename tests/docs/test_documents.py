@@ -16,9 +16,9 @@ import yaml
 import morlax_torch
 from morlax_torch import MORLAX, config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
-from morlax_torch.commands import export, train, tune
+from morlax_torch.commands import export, train
 from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.configuration.files import file_values, merged, space_values, task_values
+from morlax_torch.configuration.files import file_values, merged, task_values
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import evaluate, load
 from morlax_torch.runs.progress import Progress
@@ -131,19 +131,7 @@ def test_python_runs(code, run, workplace, monkeypatch, request):
     exec(code, {})
 
 
-def test_the_shown_search_space_is_valid(workplace):
-    pytest.importorskip("optuna", reason="needs the extra tune")
-    from morlax_torch.tuning.study import distributions
-
-    for device_type in ("cpu", "cuda"):
-        config = load_config(task_values("cheetah", device_type))
-        assert distributions(space_values(Path("my_space.yaml"), device_type), config)
-
-
-CONFIGS = [block for block in blocks("yaml") if not block.values[0].startswith("# my_space.yaml")]
-
-
-@pytest.mark.parametrize("text", CONFIGS)
+@pytest.mark.parametrize("text", blocks("yaml"))
 def test_configs_load(text, workplace):
     if "mjlab:" in text:
         pytest.importorskip("mjlab", reason="needs the extra mjlab")
@@ -213,8 +201,6 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "playground:": "brings JAX; test_playground.py trains",
     "gymnasium:mo-": "needs mo-gymnasium; test_mo_gymnasium.py trains",
     "MUJOCO_GL=osmesa": "needs OSMesa",
-    "CUDA_VISIBLE_DEVICES=": "needs two GPUs; test_tune.py starts two processes",
-    "best.yaml": "needs the result of a search; test_tune.py trains with it",
     "http.server": "serves until it is stopped; test_web_page.py serves such a page",
     "morlax pack": "needs a finished run; .ci/smoke.py packs one",
 }
@@ -270,10 +256,6 @@ def test_a_printed_command_is_valid(line, workplace, request):
     name, *arguments = words(line)
     if name == "train":
         train.read(on_the_cpu(arguments))
-        return
-    if name == "tune":
-        pytest.importorskip("optuna", reason="needs the extra tune")
-        tune.read(on_the_cpu(arguments))
         return
     if name == "record":
         pytest.importorskip("imageio_ffmpeg", reason="needs the extra video")

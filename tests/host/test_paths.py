@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from morlax_torch.commands import evaluate, explore, export, figures, pack, record, tune
+from morlax_torch.commands import evaluate, explore, export, figures, pack, record
 from morlax_torch.commands import train as train_command
 
 LONG = "a" * 5000
@@ -23,8 +23,6 @@ COMMANDS = {
     "resume": (train_command, ("--resume", "{}")),
     "config": (train_command, ("--config", "{}")),
     "output": (train_command, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
-    "space": (tune, ("--env", "cheetah", "--device", "cpu", "--space", "{}")),
-    "tune output": (tune, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
     "robot": (train_command, ("--env", "{}.py:Robot")),
 }
 
