@@ -39,7 +39,7 @@ class Config(Section):
     """A training run."""
 
     env: Annotated[str, pydantic.AfterValidator(absolute)]
-    """The task: a name of docs/tasks.md, mjlab:TASK, playground:TASK, a registered name,
+    """The task: a name of docs/tasks.md, mjlab:TASK, a registered name,
     FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
     algorithm: Algorithm = "morlax"
     """What learns the front: MORLAX, hyper-sac (few steps), or a baseline of docs/algorithms.md."""

@@ -198,7 +198,6 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "runs/go1": "needs mjlab; test_mjlab.py trains",
     "runs/jazz": "needs mjlab; test_tracking.py trains",
     "mjlab:": "needs older simulators; test_mjlab.py trains",
-    "playground:": "brings JAX; test_playground.py trains",
     "gymnasium:mo-": "needs mo-gymnasium; test_mo_gymnasium.py trains",
     "MUJOCO_GL=osmesa": "needs OSMesa",
     "http.server": "serves until it is stopped; test_web_page.py serves such a page",

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from ...envs import MorlaxError
 from ...envs.errors import unknown
 from ...envs.making import has_robot
-from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND, runs_code, title
+from ...envs.naming import GYMNASIUM, MJLAB, runs_code, title
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
 from ...host.files import write_file
@@ -46,7 +46,7 @@ def _reason(run: Path) -> str:
     except (OSError, UnicodeDecodeError):  # opening the run says why
         return ""
     task = line.removeprefix("env:").strip(" \n'\"")
-    if task.startswith((PLAYGROUND, GYMNASIUM)):
+    if task.startswith(GYMNASIUM):
         return " (no MuJoCo robot)"
     return " (needs mjlab)" if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
 
