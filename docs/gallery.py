@@ -85,22 +85,22 @@ def examples() -> None:
     )
     both = {"cheetah": found["cheetah"], "cheetah3, without its height": flat}
     figures.save(figures.fronts_figure(both, "two families"), DOCS / "figures" / "fronts", ("png",))
-    curves = figures.hypervolume_figure(seeds("hopper"), "hopper, three seeds")
+    curves = figures.hypervolume_figure(seeds("hopper"), True, "hopper, three seeds")
     figures.save(curves, DOCS / "figures" / "hypervolume", ("png",))
 
 
-def seeds(task: str) -> list[History]:
-    """Return MORLAX's training curves of version 1.0's comparison, one per seed."""
+def seeds(task: str) -> dict[str, History]:
+    """Return MORLAX's training curves of version 1.0's comparison by seed."""
     with (RESULTS / "comparison" / "version-1.0" / "more-seeds.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
     rows = [row for row in found if (row["task"], row["method"]) == (task, "MORLAX")]
     names = ("env_steps", "train_seconds", "hypervolume")
-    return [
-        History(
+    return {
+        k: History(
             *(np.array([float(row[name]) for row in rows if row["seed"] == k]) for name in names)
         )
         for k in sorted({row["seed"] for row in rows})
-    ]
+    }
 
 
 def shrink(path: Path) -> None:

@@ -32,7 +32,8 @@ from .sections import (
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
 DRAFT = "draft"  # context in which values are not checked together
-MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
+# on resume
+MAY_CHANGE = ("max_env_steps", "max_seconds", "target", "device", "backend", "evaluation")
 
 
 class Config(Section):
@@ -69,6 +70,8 @@ class Config(Section):
     max_seconds: PositiveFloat | None = None
     """Stop after this much training time, without compiling and evaluating, in seconds. With
     decay_fraction, runs then depend on how fast the machine is."""
+    target: PositiveFloat | None = None
+    """Hypervolume to reach: a line beside the curve in TensorBoard (None: no line)."""
     decay_fraction: float = Field(default=0.0, ge=0, le=1)
     """Share of the run, at its end, over which learning rates, desired KL, entropy bonus and
     observation normalizer updates decay linearly to zero. Until then they stay constant, as in
@@ -310,6 +313,14 @@ def changed(values: dict[str, Any]) -> set[str]:
     usual = flat(merged(defaults, task_values(env, device_type, algorithm)))
     names = {name for name, value in flat(values).items() if usual.get(name) != value}
     return names - {"device", "backend"}
+
+
+def target_of(config: Config) -> float | None:
+    """Return the hypervolume to reach: a user's, or the task's if its returns are unchanged."""
+    names = changed(config.model_dump(mode="json"))
+    options = {name.split(".")[1] for name in names if name.startswith("task.")}
+    other = options - {*config.task.training_only} or config.evaluation.protocol == "discounted"
+    return None if other and "target" not in names else config.target
 
 
 def flat(values: dict[str, Any]) -> dict[str, Any]:

@@ -4,8 +4,6 @@ Each function returns a matplotlib figure. `save` writes it to files, `pixels` r
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle
-from string import ascii_uppercase
 from typing import Any
 
 import numpy as np
@@ -61,14 +59,20 @@ def front_figure(
         entries = len(labels) + (1 if m == 2 else 1 + m)
         figure, plots = style.panels(len(pairs), COLUMNS, plot, title, room, width, entries)
     for axes, pair in zip(plots, pairs, strict=True):
-        _pair(axes, front, pair, size, labels)
+        _pair(axes, front, pair, size)
     if m == 2:
         colors = LinearSegmentedColormap.from_list("between", style.of_objectives(2)[::-1])
         shade = ScalarMappable(Normalize(0, 1), colors)
         figure.colorbar(shade, ax=plots[0], label=style.weight(names[0]))
     else:
         style.color_key(plots[0], names)
+    for axes in plots:
+        style.letter_key(axes, labels.values())
     style.legend_outside(figure)
+    if labels:
+        figure.draw_without_rendering()  # which places the plots
+        for axes, pair in zip(plots, pairs, strict=True):
+            style.letters(axes, front.returns[[*labels]][:, pair])
     return figure
 
 
@@ -77,20 +81,16 @@ def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes,
     (pair,) = conflicting_pairs(front.returns[front.non_dominated])
     figure = style.blank(width, height, "")
     axes = figure.add_subplot()
-    _pair(axes, front, pair, SIZE, {})
+    _pair(axes, front, pair, SIZE)
     return figure, axes, pair
 
 
-def _pair(
-    axes: Axes, front: Front, pair: tuple[int, int], size: float, labels: Mapping[int, str]
-) -> None:
+def _pair(axes: Axes, front: Front, pair: tuple[int, int], size: float) -> None:
     best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     x, y = front.returns[:, pair].T
     _label(axes, front.shown, pair)
     style.points(axes, x, y, best, size, colors, front.fails)
     style.fit(axes, x, y)
-    for name, (index, text) in zip(cycle(ascii_uppercase), labels.items(), strict=False):
-        style.letter(axes, name, text, front.returns[index, pair])
 
 
 def _label(axes: Axes, names: Sequence[str], pair: tuple[int, int]) -> None:
@@ -292,19 +292,21 @@ def _maps(front: Front, title: str) -> Figure:
 
 
 def hypervolume_figure(
-    histories: Sequence[Any], title: str = "", width: float | None = None
+    histories: Mapping[str, Any], repeated: bool, title: str = "", width: float | None = None
 ) -> Figure:
     """Plot hypervolume against environment steps and against training seconds.
 
-    Several runs are thin lines, overlaid with their median and interquartile range. Each is a
-    `runs.progress.History`.
+    Each `runs.progress.History` is a line with its name. Those of one training `repeated` with
+    other seeds are thin lines instead, overlaid with their median and interquartile range.
     """
-    figure, plots = style.panels(2, 2, (4.5, 3.7), title, width=width)
+    entries = 3 if repeated else len(histories)
+    figure, plots = style.panels(2, 2, (4.5, 3.7), title, width=width, entries=entries)
     for axes, (name, label) in zip(plots, SCALES, strict=True):
-        curves = [(getattr(history, name), history.hypervolume) for history in histories]
+        curves = [(getattr(history, name), history.hypervolume) for history in histories.values()]
         style.lattice(axes, label)
-        if len(curves) == 1:
-            axes.plot(*curves[0], color=style.INK, marker="o", ms=3.5)
+        if not repeated:
+            for run, curve, look in zip(histories, curves, style.distinct(entries), strict=True):
+                axes.plot(*curve, **look, lw=1, ms=3.5, label=run)
             continue
         for k, curve in enumerate(curves):
             axes.plot(*curve, color="0.55", lw=0.7, label="" if k else "single run")
@@ -316,7 +318,7 @@ def hypervolume_figure(
     plots[1].tick_params(labelleft=False)
     plots[0].set_ylabel("hypervolume")
     if len(histories) > 1:
-        plots[1].legend(loc="lower right")
+        style.legend_outside(figure)
     return figure
 
 

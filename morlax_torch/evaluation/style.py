@@ -1,9 +1,10 @@
 """Shared style of figures: colors that work in grayscale, axis labels, files."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
+from string import ascii_uppercase
 from typing import Any
 
 import matplotlib as mpl
@@ -29,6 +30,9 @@ FALLS = {"marker": "x", "lw": 0.9, "s": 14, "color": "0.5", "label": "falls in m
 MARKERS = "osD^vP<*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
+# of a point, the nearest first, above and then counterclockwise, in font sizes (S, 2)
+_SIDES = np.outer((1, 2, 3), np.exp(1j * np.pi * (0.5 + np.arange(16) / 8))).flatten()
+LETTER_SIDES = np.stack([_SIDES.real, _SIDES.imag], -1)
 MOST_MIXED = 3  # objectives whose colors a trade-off mixes
 LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches, of letters of FONT_SIZE
 FONT_SIZE = 10.0  # points
@@ -126,12 +130,25 @@ def note(axes: Axes, text: str, point: Any, above: bool = True, **style: Any) ->
     axes.annotate(text, tuple(point), (0, offset), **style)
 
 
-def letter(axes: Axes, name: str, text: str, point: NDArray) -> None:
-    """Mark a point with a letter, which the legend explains by a text."""
-    axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
-    axes.scatter(*point, s=30, facecolor="none", edgecolor="black", linewidth=0.9, zorder=3)
-    halo = [withStroke(linewidth=2, foreground="white")]
-    note(axes, name, point, fontweight="bold", path_effects=halo)
+def letter_key(axes: Axes, texts: Iterable[str]) -> None:
+    """Explain letters by texts in the legend."""
+    for name, text in zip(cycle(ascii_uppercase), texts, strict=False):
+        axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
+
+
+def letters(axes: Axes, points: NDArray) -> None:
+    """Mark points (n, 2) with letters beside them, apart from other letters and points."""
+    axes.scatter(*points.T, s=30, facecolor="none", edgecolor="black", linewidth=0.9, zorder=3)
+    places = axes.transData.transform(points) * 72 / axes.figure.dpi  # in points of text
+    taken, sides = places, LETTER_SIDES * mpl.rcParams["font.size"]
+    for k, (name, point) in enumerate(zip(cycle(ascii_uppercase), points, strict=False)):
+        others = np.delete(taken, k, axis=0)[:, None]
+        gaps = np.linalg.norm(places[k] + sides - others, axis=-1)  # (others, sides)
+        offset = sides[gaps.min(0, initial=mpl.rcParams["font.size"]).argmax()]
+        taken = np.vstack([taken, places[k] + offset])
+        halo: Any = [withStroke(linewidth=2, foreground="white")]
+        look: Any = {"ha": "center", "va": "center", "fontweight": "bold", "path_effects": halo}
+        axes.annotate(name, tuple(point), tuple(offset), textcoords="offset points", **look)
 
 
 def of_objectives(m: int) -> list[str]:

@@ -176,8 +176,9 @@ def write(
     drawn: list[tuple[str, Figure]] = []
     fronts: dict[str, Figure] = {}
     runs, several = list(evaluations.values()), len(evaluations) > 1
+    repeated = comparison.repeated(evaluations)
     task = title(runs[0].policy.config.env)
-    histories = [run.history for run in runs if run.history is not None]
+    histories = comparison.histories(evaluations)
     protocols = {run.policy.config.evaluation.protocol for run in runs}
 
     def save(path: Path, caption: str, figure: Figure) -> None:
@@ -190,7 +191,7 @@ def write(
         caption = "Fronts of all runs, without policies dominated within their own run."
         save(folder / "fronts", caption, overlaid)
     if histories and len(protocols) == 1:
-        curves = figures.hypervolume_figure(histories, task)
+        curves = figures.hypervolume_figure(histories, repeated, task)
         save(folder / "hypervolume", "Hypervolume during training.", curves)
     for name, run in evaluations.items():
         subfolder, heading = folder / name if several else folder, f"{task}: {name}"
@@ -206,7 +207,7 @@ def write(
         config = run.policy.config
         rows.append([*map(cell, (name, run.path, config.env)), config.seed, *run.measures.values()])
     write_rows(folder / "indicators.csv", rows)
-    if several:
+    if repeated:
         heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
         summary = quartiles([run.measures for run in runs])
         quarters = ([name, *three, len(runs)] for name, three in summary.items())
@@ -227,16 +228,17 @@ def write(
         training=training,
         settings=dict.fromkeys(name for texts in training.values() for name in texts),
         portrait=portrait,
-        indicators=indicator_cells(runs),
+        repeated=repeated,
+        indicators=indicator_cells(evaluations),
     )
     write_file(folder / "report.html", report)
 
 
-def indicator_cells(runs: Sequence[Evaluated]) -> dict[str, list[str]]:
-    """Return the values of each indicator, of several runs with the median and quartiles."""
-    measured = [run.measures for run in runs]
+def indicator_cells(runs: Mapping[str, Evaluated]) -> dict[str, list[str]]:
+    """Return the values of each indicator, of repeated runs with the median and quartiles."""
+    measured = [run.measures for run in runs.values()]
     cells = {name: [number(values[name]) for values in measured] for name in measured[0]}
-    if len(runs) > 1:
+    if comparison.repeated(runs):
         for name, values in quartiles(measured).items():
             low, median, high = map(number, values)
             cells[name] += [median, f"{low} - {high}"]
@@ -282,8 +284,9 @@ def write_figures(
     """Write the figures of runs as .pdf and .svg, and indicators.tex.
 
     Each run has a figure of its front, in a subfolder if there are several runs; each task has one
-    that overlays its fronts, and each algorithm of a task one of the hypervolume. `style` is a name
-    of `figures.STYLES`, `width` in inches (None: that of the style).
+    that overlays its fronts, and each row of the table one of the hypervolume: an algorithm with
+    one config, whose runs differ in their seeds. `style` is a name of `figures.STYLES`, `width` in
+    inches (None: that of the style).
     """
     width = WIDTHS[style] if width is None else width
     evaluations = {
@@ -296,6 +299,10 @@ def write_figures(
         task, algorithm = movable(run.policy.config.env), run.policy.config.algorithm
         rows.setdefault((task, algorithm), {})[name] = run
         tasks.setdefault(task, {})[name] = run
+    for (task, algorithm), group in [*rows.items()]:
+        if len(group) > 1 and not comparison.repeated(group):
+            del rows[task, algorithm]
+            rows |= {(task, f"{algorithm}, {name}"): {name: run} for name, run in group.items()}
     for group in tasks.values():
         comparison.check_comparable({name: run.policy for name, run in group.items()})
     make_folder(folder)
@@ -314,9 +321,8 @@ def write_figures(
                 fronts = {f"{r.policy.config.algorithm}, {n}": r.front for n, r in group.items()}
                 save(figures.fronts_figure(fronts, "", width), f"fronts-{title(task)}")
         for (task, algorithm), group in rows.items():
-            histories = [run.history for run in group.values() if run.history is not None]
-            if histories:
-                drawn = figures.hypervolume_figure(histories, "", width)
+            if histories := comparison.histories(group):
+                drawn = figures.hypervolume_figure(histories, len(group) > 1, "", width)
                 save(drawn, f"hypervolume-{title(task)}-{algorithm}")
     write_file(folder / "indicators.tex", latex(rows))
 

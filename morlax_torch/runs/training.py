@@ -35,7 +35,8 @@ UNSTABLE = (
 )
 TRAINING = "training"  # the phase
 MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
-REPORT_EVERY = 10  # iterations between reads of the metrics, each of which waits for the GPU
+# iterations between reads of the metrics, each of which waits for the GPU, and seconds, at most
+REPORT_EVERY, REPORT_SECONDS = 10, 1.0
 EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are spaced by their cost
 MEASURED = {"env_steps", "train_seconds", "total_seconds", "steps_per_second", "blowups"}
 HYPERVOLUMES = {"hypervolume", "best_hypervolume", "best_selection"}  # of `Progress`, as MEASURED
@@ -51,6 +52,7 @@ class Session:
     evaluator: Evaluator
     run: Run | None = None
     progress: Progress = field(default_factory=Progress)  # of a resumed run; updated in place
+    on_metrics: Callable[[dict[str, float], int], object] = lambda scalars, env_steps: None
 
     @classmethod
     def of(
@@ -171,9 +173,14 @@ class Session:
         progress.steps_per_second = iterations * learner.steps_per_iteration / elapsed
         rollouts = learner.config.worlds * learner.group.size * iterations
         self._check(metrics, first, all_blew_up=progress.blowups - blowups >= rollouts)
+        metrics["env_steps_per_second"] = progress.steps_per_second
+        scalars = {f"train/{name}": value for name, value in metrics.items()}
+        if learner.rates is not None:
+            progress.estimates.append(self.evaluator.estimate(learner.rates))
+            scalars["front/hypervolume_estimate"] = progress.estimates[-1]
+        self.on_metrics(scalars, learner.env_steps)
         if self._output:
-            metrics["env_steps_per_second"] = progress.steps_per_second
-            writer.put(partial(self._output.log_metrics, metrics, learner.env_steps))
+            writer.put(partial(self._output.log_scalars, scalars, learner.env_steps))
 
     def _evaluate(self, began: float) -> Job:
         """Evaluate, copy the learner's state, and return a job that measures and writes both."""
@@ -207,7 +214,7 @@ class Session:
             best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
             evaluation = evaluation._replace(best=best)
             if run:
-                run.log_evaluation(evaluation, learner.config.env)
+                run.log_evaluation(evaluation, learner.config)
                 hypervolumes = progress.model_dump(include=HYPERVOLUMES)
                 run.save(contents, now.model_copy(update=hypervolumes), evaluation)
             return evaluation
@@ -299,12 +306,11 @@ class Schedule:
 
     def iterations(self) -> int:
         """Return how many iterations may pass until the next look at limits and metrics."""
-        count, seconds = min(REPORT_EVERY, self._iterations_left()), self.seconds()
+        count = min(REPORT_EVERY, self._iterations_left())
         if self._interval is not None:
             count = min(count, self._interval - self._learner.iteration % self._interval)
-        if (pace := self.pace()) and seconds < math.inf:
-            # a GPU is too far behind to watch the clock instead
-            count = min(count, max(1, math.ceil(seconds / pace)))
+        if pace := self.pace():  # a GPU is too far behind to watch the clock instead
+            count = min(count, max(1, math.ceil(self.seconds() / pace)))
         return int(count)
 
     def pace(self) -> float:
@@ -316,7 +322,7 @@ class Schedule:
         """Return how many seconds of training may pass until the next look."""
         end = self._max_seconds
         end = end if self._interval is not None else min(end, self._next_second)
-        return end - self._progress.train_seconds
+        return min(REPORT_SECONDS, end - self._progress.train_seconds)
 
     def _iterations_left(self) -> float:
         left = (self._max_env_steps - self._learner.env_steps) / self._learner.steps_per_iteration

@@ -158,7 +158,25 @@ def test_no_tick_labels_collide(m, style):
             apart(figures.returns_figure(scaled))
             apart(figures.parallel_figure(scaled))
     with mpl.rc_context(figures.STYLES[style]):
-        apart(figures.hypervolume_figure([history((0, 0), (1.2e8, 3e18))], "", width))
+        curves = {"one": history((0, 0), (1.2e8, 3e18))}
+        apart(figures.hypervolume_figure(curves, False, "", width))
+
+
+@pytest.mark.parametrize("m", (2, 3))
+def test_letters_of_policies_side_by_side_do_not_collide(m):
+    some = wide(m)
+    close = {index: f"policy {index}" for index in (0, 100, 101, 102, 103, 104, 105, 199)}
+    with mpl.rc_context(figures.STYLES["paper"]):
+        figure = figures.front_figure(some, "", 3.5, close)
+        figure.draw_without_rendering()
+    for axes in figure.axes:
+        texts = [text for text in axes.texts if text.get_text() in "ABCDEFGH"]
+        assert len(texts) == (len(close) if axes.get_xlabel() else 0)
+        boxes = [text.get_window_extent() for text in texts]
+        middles = [np.array([box.x0 + box.x1, box.y0 + box.y1]) / 2 for box in boxes]
+        size = 8.5 * figure.dpi / 72  # of the font, in pixels
+        for one, other in combinations(middles, 2):
+            assert np.linalg.norm(one - other) > 0.99 * size
 
 
 @pytest.mark.parametrize("m", (2, 3, 6))
@@ -189,16 +207,18 @@ def history(*points: tuple[float, float]) -> History:
     return History(10 * seconds, seconds, volume)
 
 
-@pytest.mark.parametrize("number", (1, 3))
-def test_hypervolume_is_plotted_over_steps_and_seconds(number):
-    runs = [history((0, 0), (10, 100 * k), (20, 200)) for k in range(number)]
-    figure = figures.hypervolume_figure(runs)
+@pytest.mark.parametrize(("number", "repeated"), [(1, False), (3, True), (3, False)])
+def test_hypervolume_is_plotted_over_steps_and_seconds(number, repeated):
+    runs = {f"run {k}": history((0, 0), (10, 100 * k), (20, 200)) for k in range(number)}
+    figure = figures.hypervolume_figure(runs, repeated)
     assert labels(figure) == [
         ("environment steps", "hypervolume"),
         ("training time (s)", ""),  # shares its y axis
     ]
     words = drawn(figure)
-    assert ({"median of 3 runs", "interquartile range"} <= words) == (number == 3)
+    assert ({"median of 3 runs", "interquartile range"} <= words) == repeated
+    # a median of runs that differ in more than their seeds means nothing
+    assert (runs.keys() <= words) == (number == 3 and not repeated)
 
 
 def test_a_band_shows_quartiles_where_all_runs_have_data():

@@ -19,7 +19,13 @@ from morlax_torch.commands.train import command as train
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
-from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
+from morlax_torch.reports.comparison import (
+    Evaluated,
+    check_comparable,
+    names,
+    quartiles,
+    repeated,
+)
 from morlax_torch.reports.page import cell, latex
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
@@ -103,11 +109,32 @@ def test_a_comparison_changes_neither_runs_nor_earlier_results(workplace, capsys
     check_report((folder / "report.html").read_text())
 
 
-def test_checkpoints_of_one_run_can_be_compared(workplace):
+def test_checkpoints_of_one_run_can_be_compared(workplace, capsys):
     checkpoints = [f"a/hopper/checkpoints/{name}.pt" for name in ("best", "latest")]
     evaluate.command([*checkpoints, *FEW, "--output", "out"])
     runs = [row["run"] for row in csv_rows("out/indicators.csv")]
     assert sorted(runs) == ["hopper-best", "hopper-latest"]
+    assert "median" not in capsys.readouterr().out
+    assert "<th>median</th>" not in Path("out/report.html").read_text()
+    assert not Path("out/summary.csv").exists()
+
+
+def test_runs_with_a_median_differ_only_in_their_seeds(make_policy):
+    def repeat(**changes) -> bool:
+        policies = make_policy(seed=1), make_policy(seed=2), make_policy(**{"seed": 3, **changes})
+        runs = [Evaluated("", policy, front_of(ARC), None, {}) for policy in policies]
+        return repeated(dict(enumerate(runs)))
+
+    assert repeat() and repeat(evaluation={"every": 320}) and repeat(target=1e6)
+    for changes in (
+        {"seed": 2},
+        {"worlds": 64},
+        {"ppo": {"learning_rate": 1e-3}},
+        {"evaluation": {"tradeoffs": 7}},
+        {"network": {"features": 8}},
+    ):
+        assert not repeat(**changes), changes
+    assert not repeated({"one": Evaluated("", make_policy(), front_of(ARC), None, {})})
 
 
 def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
