@@ -23,9 +23,9 @@ HEADING = "## Shipped policies\n"
 ABOUT = """
 The package ships one hypernetwork each for ant, bruce, cheetah, cheetah3, hopper, humanoid and
 walker, and a [Go1 and a G1 of mjlab](mjlab.md). Commands accept a name in place of a run, and
-`morlax_torch.load("ant")` loads one. Each front shows the returns of 512 trade-offs, each strip the
-last gait cycle under every objective alone and under all equally. `docs/gallery.py` writes this
-section.
+`morlax_torch.load("ant")` loads one. Each front shows the returns of 512 trade-offs, each strip a
+row for every objective alone and one for all equally, in equal steps of time. `docs/gallery.py`
+writes this section.
 """
 TASK = """
 ### {name}: {objectives}
@@ -36,9 +36,9 @@ Hypervolume {volume:.3e}, trained on {device} for {steps:.1f} M environment step
 {command}
 ```
 
-![Front of {name}, {objectives}, colored by trade-off](gallery/{name}-front.png)
+![Front of {name}](gallery/{name}-front.png)
 
-![Film strip of {name}: one row per trade-off, time from left to right](gallery/{name}-strip.png)
+![Film strip of {name}](gallery/{name}-strip.png)
 """
 
 
@@ -53,7 +53,7 @@ def command(config: Config) -> str:
             name = f"{prefix}{key.replace('_', '-')}"
             if isinstance(value, dict) and prefix == "":
                 compare(value, defaults[key], f"{name}.")
-            elif value == defaults[key] or name in ("device", "backend"):
+            elif value == defaults[key] or name in ("device", "backend", "target"):
                 continue
             elif isinstance(value, bool):
                 options.append(f"--{name}" if value else f"--{prefix}no-{name[len(prefix) :]}")
@@ -90,10 +90,11 @@ def examples() -> None:
 
 
 def seeds(task: str) -> dict[str, History]:
-    """Return MORLAX's training curves of version 1.0's comparison by seed."""
-    with (RESULTS / "comparison" / "version-1.0" / "more-seeds.csv").open(newline="") as file:
+    """Return MORLAX's training curves of the comparison by seed."""
+    with (RESULTS / "comparison-h100.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
-    rows = [row for row in found if (row["task"], row["method"]) == (task, "MORLAX")]
+    kinds = ("task", "method", "evaluation"), (task, "MORLAX", "training")
+    rows = [row for row in found if tuple(map(row.get, kinds[0])) == kinds[1]]
     names = ("env_steps", "train_seconds", "hypervolume")
     return {
         k: History(

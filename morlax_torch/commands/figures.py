@@ -15,8 +15,8 @@ class Figures(OfRuns):
 
     Writes each run's front with its representative policies, the fronts of each task overlaid and
     the hypervolume during training, as .pdf and .svg, and indicators.tex: a LaTeX table (booktabs)
-    with a row for each task and algorithm. Reads front.npz and metrics.csv of the runs, and
-    simulates nothing.
+    with a row for each task, algorithm and config. Reads front.npz and metrics.csv of the runs,
+    and simulates nothing.
     """
 
     style: Literal["paper", "screen"] = "paper"

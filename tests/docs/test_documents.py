@@ -9,6 +9,7 @@ import warnings
 from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -101,6 +102,24 @@ def needs_modules(code: str) -> None:
             import_module("mjlab.tasks")
 
 
+def stand_in_for_trackers(monkeypatch) -> set[str]:
+    """Replace MLflow 3 and Trackio 0.43 by what pages call of them, and return what is logged."""
+    logged: set[str] = set()
+
+    def log(metrics, step=None):
+        assert all(type(value) in (int, float) for value in metrics.values()) and step >= 0
+        logged.update(metrics)
+
+    def configure(config, project="hopper"):
+        assert config["env"] == project
+
+    mlflow = {"start_run": nullcontext, "log_params": configure, "log_metrics": log}
+    trackio = {"init": configure, "log": log, "finish": lambda: None}
+    monkeypatch.setitem(sys.modules, "mlflow", SimpleNamespace(**mlflow))
+    monkeypatch.setitem(sys.modules, "trackio", SimpleNamespace(**trackio))
+    return logged
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("code", [x for x in blocks("python") if only_in_a_fresh_process(x)])
 def test_python_runs_in_a_fresh_process(code, run, workplace, request):
@@ -116,6 +135,7 @@ def test_python_runs_in_a_fresh_process(code, run, workplace, request):
     "code", [block for block in blocks("python") if not only_in_a_fresh_process(block)]
 )
 def test_python_runs(code, run, workplace, monkeypatch, request):
+    logged = stand_in_for_trackers(monkeypatch)
     needs_modules(code)
     if "import record" in code:
         request.getfixturevalue("opengl")
@@ -129,6 +149,7 @@ def test_python_runs(code, run, workplace, monkeypatch, request):
         signature = inspect.signature(wandb.init)
         monkeypatch.setattr(wandb, "init", lambda **o: nullcontext(signature.bind(**o)))
     exec(code, {})
+    assert ("front/hypervolume" in logged) == ("on_metrics=" in code)
 
 
 @pytest.mark.parametrize("text", blocks("yaml"))

@@ -295,7 +295,7 @@ def record(
         seconds: simulated time; a film strip shows the end of it.
         speed: playback speed of a film; 0.5 is slow motion.
         width, height: of a panel, in pixels.
-        pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
+        pictures: number per row of a film strip, evenly spaced over the longest gait cycle or two.
         bodies: design parameters of each body to show, by name, each with every trade-off (empty:
             the body of the policy). Then the default is the balanced trade-off.
         sweep: film one robot instead, whose trade-off moves along this front of the policy.
