@@ -39,6 +39,8 @@ MAY_CHANGE = ("max_env_steps", "max_seconds", "target", "device", "backend", "ev
 class Config(Section):
     """A training run."""
 
+    vast = ("target",)
+
     env: Annotated[str, pydantic.AfterValidator(absolute)]
     """The task: a name of docs/tasks.md, mjlab:TASK, a registered name,
     FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
