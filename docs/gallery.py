@@ -18,7 +18,6 @@ from morlax_torch.viewers.filming.recording import record
 
 DOCS = Path(__file__).parent
 RESULTS = DOCS.parent / "benchmarks" / "results"
-SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
 HEADING = "## Shipped policies\n"
 ABOUT = """
 The package ships one hypernetwork each for ant, bruce, cheetah, cheetah3, hopper, humanoid and
@@ -74,8 +73,6 @@ def examples() -> None:
             figures.save(draw(front, name), DOCS / "figures" / f"{kind}-{m}", ("png",))
     parallel = figures.parallel_figure(found["bruce"], "bruce")
     figures.save(parallel, DOCS / "figures" / "parallel", ("png",))
-    spaces = figures.spaces_figure(found["bruce"], SPACES, "bruce")
-    figures.save(spaces, DOCS / "figures" / "bruce-space", ("png",))
     flat = found["cheetah3"]
     flat = flat._replace(
         objectives=flat.objectives[:2],

@@ -110,6 +110,14 @@ class Config(Section):
         return self.max_env_steps is not None or self.max_seconds is not None
 
     @property
+    def fitting_target(self) -> float | None:
+        """The target: a user's, or the task's unless returns are counted in another way."""
+        names = changed(self.model_dump(mode="json"))
+        options = {name.split(".")[1] for name in names if name.startswith("task.")}
+        other = options - {*self.task.training_only} or self.evaluation.protocol == "discounted"
+        return None if other and "target" not in names else self.target
+
+    @property
     def num_clusters(self) -> int:
         """K."""
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
@@ -315,14 +323,6 @@ def changed(values: dict[str, Any]) -> set[str]:
     usual = flat(merged(defaults, task_values(env, device_type, algorithm)))
     names = {name for name, value in flat(values).items() if usual.get(name) != value}
     return names - {"device", "backend"}
-
-
-def target_of(config: Config) -> float | None:
-    """Return the hypervolume to reach: a user's, or the task's if its returns are unchanged."""
-    names = changed(config.model_dump(mode="json"))
-    options = {name.split(".")[1] for name in names if name.startswith("task.")}
-    other = options - {*config.task.training_only} or config.evaluation.protocol == "discounted"
-    return None if other and "target" not in names else config.target
 
 
 def flat(values: dict[str, Any]) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def front_figure(
     if m == 3 and width is None:  # a plot in 3D is hard to read in print
         figure = style.blank(10.2, 8.2, title)
         grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1])
-        _space(figure.add_subplot(grid[0, :], projection="3d"), front, front.objectives)
+        _space(figure.add_subplot(grid[0, :], projection="3d"), front)
         plots = [figure.add_subplot(grid[1, column]) for column in range(3)]
     else:
         plot, room = ((5.4, 4.2), 0.0) if m == 2 else ((3.4, 3.3), 0.8)
@@ -171,29 +171,17 @@ def fronts_figure(
     return figure
 
 
-def spaces_figure(front: Front, triples: Sequence[Sequence[str]], title: str = "") -> Figure:
-    """Plot triples of objectives in 3D, in colors that mix those of the three by weight."""
-    figure = style.blank(6.0 * len(triples), 5.6, title)
-    for cell, triple in enumerate(triples, start=1):
-        _space(figure.add_subplot(1, len(triples), cell, projection="3d"), front, triple)
-    style.color_key(figure.axes[0], front.shown, "weight on")
-    style.legend_outside(figure)
-    return figure
-
-
-def _space(axes: Any, front: Front, names: Sequence[str]) -> None:
-    """Plot three objectives of the policies, without those beyond the limits of the axes."""
-    columns = [front.objectives.index(name) for name in names]
-    shown = front.non_dominated if len(front.objectives) == 3 else slice(None)
-    returns, weights = front.returns[shown][:, columns], front.tradeoffs[shown][:, columns] + 1e-9
+def _space(axes: Any, front: Front) -> None:
+    """Plot the front of three objectives, without policies beyond the limits of the axes."""
+    returns = front.returns[front.non_dominated]
     bounds = [style.limits(column) for column in returns.T]
     low, high = np.transpose(bounds)
     kept = ((returns >= low) & (returns <= high)).all(1)
-    colors = style.mixed(weights[kept], columns)
+    colors = style.colors_of(front.tradeoffs[front.non_dominated][kept])
     axes.scatter(*returns[kept].T, s=16, c=colors, depthshade=False)
     axes.set(xlim=bounds[0], ylim=bounds[1], zlim=bounds[2])
-    for axis, k in zip("xyz", columns, strict=True):
-        getattr(axes, f"set_{axis}label")(style.returned(front.shown[k]), labelpad=10)
+    for axis, name in zip("xyz", front.shown, strict=True):
+        getattr(axes, f"set_{axis}label")(style.returned(name), labelpad=10)
         getattr(axes, f"{axis}axis").set_major_formatter(style.short)
     axes.locator_params(nbins=5)
     axes.view_init(elev=25, azim=45)

@@ -170,12 +170,8 @@ def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
     objective with the largest weight gives its own.
     """
     m = tradeoffs.shape[1]
-    return mixed(tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)], range(m))
-
-
-def mixed(weights: NDArray, objectives: Sequence[int]) -> NDArray[np.float64]:
-    """Mix the colors of objectives, by index, by weights (K, m): (K, 3)."""
-    palette = [to_rgb(PALETTE[k % len(PALETTE)]) for k in objectives]
+    weights = tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)]
+    palette = [to_rgb(color) for color in of_objectives(m)]
     return weights / weights.sum(1, keepdims=True) @ palette
 
 

@@ -13,15 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from filelock import FileLock, Timeout
 
 from ..algorithms.learner import Learner
-from ..configuration.config import (
-    MAY_CHANGE,
-    Config,
-    changed,
-    check_resumable,
-    flat,
-    load_config,
-    target_of,
-)
+from ..configuration.config import MAY_CHANGE, Config, changed, check_resumable, flat, load_config
 from ..configuration.files import read_yaml, write_record
 from ..envs import MorlaxError
 from ..envs.naming import movable, title
@@ -266,12 +258,10 @@ class Run:
         if number == 0:
             self._log_hyperparameters(evaluation.scalars)
         self.log_scalars(evaluation.scalars, steps)
-        if target := target_of(config):
+        if target := config.fitting_target:
             self.log_scalars({"front/hypervolume_target": target}, steps)
-        # after ten evaluations, each with pictures is a tenth later than the last, so that a long
-        # run stays small
-        scales = [int(math.log(max(1, each), 1.1)) for each in (number - 1, number)]
-        if number < 10 or scales[0] < scales[1]:
+        # ever fewer, so that a long run stays small: evaluations 0 to 9, 10, 20, ..., 100, 200, ...
+        if number % 10 ** (len(str(number)) - 1) == 0:
             from ..evaluation import figures  # matplotlib loads slowly
 
             name = f"{title(config.env)} after {steps / 1e6:.1f} M steps"

@@ -16,7 +16,6 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from tiny import learner, tiny
 
 from morlax_torch import config_for
-from morlax_torch.configuration.config import target_of
 from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.runs import Run
 from morlax_torch.runs.training import make_evaluator
@@ -116,7 +115,7 @@ def test_the_hypervolume_comes_first_and_pictures_last(tmp_path):
     ],
 )
 def test_a_published_target_is_of_the_task_as_published(changes, target):
-    assert target_of(config_for("hopper", device="cpu", **changes)) == target
+    assert config_for("hopper", device="cpu", **changes).fitting_target == target
 
 
 def test_the_hypervolume_is_estimated_from_rewards_and_failures():
