@@ -15,7 +15,7 @@ from ...envs.making import has_robot
 from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND, runs_code, title
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
-from ...host.files import write_file
+from ...host.files import RUNS, newest_runs, write_file
 from ...host.version import __version__
 from ...networks.policy import Policy
 from ...runs import loading
@@ -30,7 +30,7 @@ BODY = "body.pt"  # policies of a body that is not the checkpoint's
 def _folders() -> dict[str, Path]:
     """Return the folders of the shipped policies, then those of the runs, newest first, by name."""
     shipped = sorted(folder.parent for folder in loading.SHIPPED.glob("*/checkpoints"))
-    runs = loading.newest_runs(loading.RUNS)
+    runs = newest_runs(RUNS)
     return {folder.name: folder for folder in shipped} | {str(run): run for run in runs}
 
 
