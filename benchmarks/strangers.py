@@ -33,7 +33,7 @@ def measured(robot: str, model: Path, folder: Path) -> dict[str, object]:
         return row | {"task": written.rpartition("/")[2]}
     row["task"] = written.partition("in which ")[2]
     metrics, rows, began = folder / robot / "metrics.csv", [], time.perf_counter()
-    training = morlax(folder, "train", *shlex.split(line)[4:], "--output", robot)
+    training = morlax(folder, "train", *shlex.split(line)[5:], "--output", robot)
     while len(rows) < 2 and training.poll() is None and time.perf_counter() - began < LONGEST:
         time.sleep(0.2)
         rows = list(csv.DictReader(metrics.open())) if metrics.exists() else []

@@ -43,6 +43,6 @@ def command(arguments: Sequence[str]) -> None:
     write_file(file, draft.text(name, os.path.relpath(options.model, file.parent)))
     goal = "runs along x" if draft.floating else f"reaches for targets with {draft.body}"
     cli.console.print(f"written: {file}, in which {name} {goal}, or saves energy")
-    fitted = ("--worlds", 256, "--evaluation.tradeoffs", 64) if gpu() is None else ()
+    fitted = ("--worlds", 256, "--evaluation.tradeoffs", 32) if gpu() is None else ()
     line = typed("train", "--env", f"{file}:{name}", "--max-seconds", 120, *fitted)
     cli.print_command("next", line)
