@@ -7,10 +7,9 @@ from pathlib import Path
 
 from .commands.terminal import cli
 from .commands.terminal.process import program, typed
-from .configuration.files import read_yaml
 from .envs.errors import installation, unknown
 from .envs.naming import runs_code
-from .host.files import RUNS, newest_runs
+from .host.files import RUNS, newest_runs, task_of
 from .host.machine import gpu
 
 COMMANDS = {
@@ -34,20 +33,16 @@ def first_commands() -> Iterator[tuple[str, str]]:
     served = find_spec("websockets") is not None
     page = "a trained robot in the browser, with a slider per objective"
     yield typed("explore", "ant"), page if served else f"needs {installation('explore')}"
-    seconds = 10 if gpu() else 30
     trained = "policies from fast to economical, in less than a minute"
-    yield typed("train", "--env", "cheetah", "--max-seconds", seconds), trained
-    run = next((run for run in newest_runs(RUNS) if (run / "config.yaml").is_file()), None)
-    if run is None:
+    yield typed("train", "--env", "cheetah", "--max-seconds", 10 if gpu() else 30), trained
+    if run := next(filter(task_of, newest_runs(RUNS)), None):
+        trust = ["--trust"] * runs_code(task_of(run))
+        use = typed("explore" if served else "evaluate", "latest", *trust)
+        yield use, f"your newest run, {run}"
+    else:
         limits = "--at-least", "run=2000", "--maximize", "energy"
         yield typed("choose", "cheetah", *limits), "its most economical policy that is fast enough"
-    else:
-        trust = ["--trust"] * runs_code(str(read_yaml(run / "config.yaml").get("env")))
-        yield (
-            typed("explore" if served else "evaluate", "latest", *trust),
-            f"your newest run, {run}",
-        )
-    model = next(Path().glob("*.xml"), "my_robot.xml")
+    model = min(Path().glob("*.xml"), default="my_robot.xml")
     yield typed("new", model), "a task for your own robot, ready to train"
 
 

@@ -38,11 +38,10 @@ def command(arguments: Sequence[str]) -> None:
 
         draft = Draft(options.model)
     name = "".join(word[:1].upper() + word[1:] for word in re.split(r"[\W_]+", file.stem))
-    if not name.isidentifier() or name in ("None", "Part"):
-        name = f"Robot{name}"
+    name = name if name.isidentifier() else f"Robot{name}"
     write_file(file, draft.text(name, os.path.relpath(options.model, file.parent)))
-    goal = "runs along x" if draft.floating else f"reaches for targets with {draft.body}"
+    goal = "runs along x" if draft.floating else "reaches for targets"
     cli.console.print(f"written: {file}, in which {name} {goal}, or saves energy")
-    fitted = ("--worlds", 256, "--evaluation.tradeoffs", 32) if gpu() is None else ()
-    line = typed("train", "--env", f"{file}:{name}", "--max-seconds", 120, *fitted)
-    cli.print_command("next", line)
+    fitted = ("--worlds", 256, "--evaluation.tradeoffs", 16) if gpu() is None else ()
+    task = "--env", f"{file}:{name}", "--max-seconds", 120
+    cli.print_command("next", typed("train", *task, *fitted))

@@ -139,3 +139,11 @@ def newest_runs(folder: Path) -> list[Path]:
             run = file.parent.parent
             times[run] = max(times.get(run, 0.0), file.stat().st_mtime)
     return sorted(times, key=times.__getitem__, reverse=True)
+
+
+def task_of(run: Path) -> str:
+    """Return the task that a run's config.yaml names, or "" if opening the run would say why."""
+    with suppress(OSError, UnicodeDecodeError), (run / "config.yaml").open() as config:
+        line = next((line for line in config if line.startswith("env:")), "")
+        return line.removeprefix("env:").strip(" \n'\"")
+    return ""

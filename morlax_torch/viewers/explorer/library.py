@@ -15,7 +15,7 @@ from ...envs.making import has_robot
 from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND, runs_code, title
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
-from ...host.files import RUNS, newest_runs, write_file
+from ...host.files import RUNS, newest_runs, task_of, write_file
 from ...host.version import __version__
 from ...networks.policy import Policy
 from ...runs import loading
@@ -40,12 +40,7 @@ def labels() -> dict[str, str]:
 
 
 def _reason(run: Path) -> str:
-    try:
-        with (run / "config.yaml").open() as config:
-            line = next((line for line in config if line.startswith("env:")), "")
-    except (OSError, UnicodeDecodeError):  # opening the run says why
-        return ""
-    task = line.removeprefix("env:").strip(" \n'\"")
+    task = task_of(run)
     if task.startswith((PLAYGROUND, GYMNASIUM)):
         return " (no MuJoCo robot)"
     return " (needs mjlab)" if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
