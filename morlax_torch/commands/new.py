@@ -30,7 +30,8 @@ class New(Section):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(New, arguments)
-    file = (options.output or options.model).with_suffix(".py")
+    named = options.output or options.model
+    file = named.parent / f"{named.stem}.py"
     if file.exists():
         raise MorlaxError(f"{file} exists already: name another file with --output.")
     with cli.Live():
