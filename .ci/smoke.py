@@ -15,7 +15,21 @@ TINY = (
     *("--device", "cpu", "--worlds", "8", "--horizon", "4", "--sampling.clusters", "4"),
     *("--ppo.minibatches", "1", "--evaluation.tradeoffs", "4", "--task.episode-length", "20"),
 )
+ROBOT = """
+<mujoco>
+  <worldbody>
+    <body name="arm">
+      <joint name="shoulder"/>
+      <geom size="0.02" fromto="0 0 0 0.3 0 0"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder"/>
+  </actuator>
+</mujoco>
+"""
 LINES = {
+    "new": ("arm.xml",),
     "train": ("--env", "cheetah", *TINY, "--max-env-steps", "64", "--output", "run"),
     "evaluate": ("run", "--device", "cpu"),
     "figures": ("run", "--output", "paper"),
@@ -30,6 +44,7 @@ BODIES = (
     *("--max-env-steps", "64", "--output", "bodies"),
 )
 WRITTEN = {
+    "arm.py",
     *("run/front.npz", "run/report.html", "strip.png", "run/policy.onnx"),
     *("small/front.npz", "paper/front.pdf", "paper/indicators.tex"),
     "bodies/designs/body.xml",
@@ -41,6 +56,7 @@ def main() -> None:
     assert {*LINES, "explore", "play"} == set(COMMANDS), "a command is not tried"
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
+        Path("arm.xml").write_text(ROBOT)
         for name, arguments in [("train", BODIES), *LINES.items()]:
             subprocess.run([sys.executable, "-m", "morlax_torch", name, *arguments], check=True)
         for path in WRITTEN:
