@@ -51,24 +51,31 @@ def needs_page() -> None:
 @contextmanager
 def exploring(*arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
     """Serve a run from the current folder; yields the page's address and the process."""
+    with started("explore", *arguments, "--port", "0") as process:
+        yield addressed(process), process
+
+
+@contextmanager
+def started(*words: str) -> Iterator[subprocess.Popen]:
+    """Start a command that serves a page."""
     needs_page()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "morlax_torch", "explore", *arguments, "--port", "0"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
-            "PYTHONUNBUFFERED": "1",
-        },
-    )
-    assert process.stdout is not None
+    pipe, path = subprocess.PIPE, os.pathsep.join([str(ROOT), *sys.path])
+    env = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
+    command = [sys.executable, "-m", "morlax_torch", *words]
+    process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=env)
     try:
-        yield process.stdout.readline().split()[1], process
+        yield process
     finally:
         process.kill()
         process.communicate()
+
+
+def addressed(process: subprocess.Popen) -> str:
+    """Read what a command prints up to the page's address, and return it."""
+    for line in process.stdout or ():
+        if line.startswith("open "):
+            return line.split()[1]
+    raise AssertionError("no address is printed")
 
 
 class View:

@@ -91,7 +91,7 @@ def run() -> str:
             "what was measured",
             ("metrics.csv", "one row per evaluation"),
             ("events.out.tfevents", "curves for TensorBoard"),
-            ("front.npz", "returns of best.pt"),
+            ("front.npz, fronts/", "of best.pt, and of training"),
         ),
         (
             "checkpoints/",

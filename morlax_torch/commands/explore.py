@@ -1,5 +1,6 @@
 """Show a robot live in the browser, and change its trade-off while it moves."""
 
+import os
 from collections.abc import Sequence
 from functools import partial
 from typing import Annotated
@@ -7,6 +8,9 @@ from typing import Annotated
 from .terminal import cli
 from .terminal.arguments import Positional, Trusting, arg, parse
 from .terminal.process import interruptible
+
+BESIDE = "MORLAX_BESIDE"  # variable: ID of the process that trains what this command shows
+NICE = 10
 
 
 class Explore(Trusting):
@@ -35,14 +39,18 @@ def command(arguments: Sequence[str]) -> None:
         tradeoff = None if text is None else tradeoff_of(text, run, objectives_of(run))
         import torch
 
+        from ..host.files import runs
         from ..host.resources import one_thread
         from ..viewers.explorer.exhibits import RunExhibit
         from ..viewers.explorer.page import Page
 
+    trainer = int(os.environ.get(BESIDE, "0"))
+    if trainer and hasattr(os, "nice"):
+        os.nice(NICE)
     with one_thread(torch.device("cpu")), interruptible() as ended:
         with cli.Live():
             page = Page(partial(RunExhibit, choice, tradeoff=tradeoff), options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
-        page.serve(ended)
+        page.serve(lambda: ended() or (trainer > 0 and not runs(trainer)))
         page.stop()
     cli.skip_teardown()  # which would wait for the thread of a search

@@ -1,9 +1,11 @@
 """Record a trained policy under several trade-offs: MP4, GIF, or a film strip for a paper."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+from ..envs import MorlaxError
 from .terminal import cli
 from .terminal.arguments import OfRun, Texts, arg, numbers, parse
 
@@ -25,8 +27,9 @@ class Record(OfRun):
     output: Path | None = None
     """Output file: FILE.mp4, FILE.gif, or FILE.png for a film strip (None: film.mp4 in the run's
     folder, or NAME.mp4 in the working directory for a shipped policy)."""
-    seconds: float = 5.0
-    """Duration, in seconds of simulated time. A film strip shows the end of it."""
+    seconds: float | None = None
+    """Duration, in seconds of simulated time (None: 5, or 30 of a training). A film strip shows the
+    end of it."""
     speed: float = 1.0
     """Playback speed; 0.5 is slow motion. Ignored for a film strip."""
     width: int = 480
@@ -40,6 +43,9 @@ class Record(OfRun):
     """Random seed of the world."""
     sweep: bool = False
     """Film one robot whose trade-off moves along the front, beside the front."""
+    training: bool = False
+    """Film how the front and its hypervolume grew in training, beside the trained robot (with no
+    trade-off, under both plotted objectives alone)."""
 
 
 def command(arguments: Sequence[str]) -> None:
@@ -47,7 +53,9 @@ def command(arguments: Sequence[str]) -> None:
     with cli.Live():
         from ..configuration.schedules import Schedule
         from ..runs import loading  # imports torch
-        from ..viewers.filming.recording import record
+        from ..runs.progress import kept_fronts
+        from ..viewers.filming.growth import Growth
+        from ..viewers.filming.recording import Sweep, record
 
         run, objectives = options.run, loading.objectives_of(options.run)
         tradeoffs = [
@@ -60,10 +68,19 @@ def command(arguments: Sequence[str]) -> None:
         folder = loading.own_folder(run)
         usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")
         file = options.output or usual
-        front = loading.load_front(run) if options.sweep else None
         example = "--body thigh=0.4,calf=0.3"
         bodies = [dict(numbers(text.split(","), example)) for text in options.body]
-        time = options.seconds, options.speed
+        special, seconds = None, options.seconds
+        if seconds is None:
+            seconds = 30.0 if options.training else 5.0
+        if options.sweep and options.training:
+            raise MorlaxError("choose --sweep or --training.")
+        if options.sweep:
+            special = partial(Sweep, policy, loading.load_front(run))
+        elif options.training:
+            special = partial(Growth, policy, kept_fronts(loading.find_run(run)), tradeoffs)
+            tradeoffs = []
         sizes = options.width, options.height, options.pictures
-        record(policy, file, tradeoffs, *time, *sizes, options.seed, front, bodies)
+        others = *sizes, options.seed, special, bodies
+        record(policy, file, tradeoffs, seconds, options.speed, *others)
     cli.console.print(f"written: {file}")

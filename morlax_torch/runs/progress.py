@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -14,6 +15,8 @@ from ..evaluation.front import Front, hypervolume_in
 from ..host.files import AnyPath, read
 from ..host.torchrun import launch
 
+FRONTS = "fronts"  # folder in that of a run
+Kept = dict[Path, tuple[float, float, float]]  # env_steps, train_seconds, hypervolume by file
 BEST = "best"  # column: 1 if the checkpoint of the evaluation became best.pt, else 0
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume
 
@@ -111,6 +114,17 @@ class History(NamedTuple):
         rows = read_rows(path)
         values = [[*(float(row[n]) for n in COUNTERS[1:]), hypervolume_of(row)] for row in rows]
         return cls(*np.transpose(values))
+
+
+def kept_fronts(run: Path) -> Kept:
+    """Return the fronts that a run has kept, from the first evaluation to the newest."""
+    rows = read_rows(run / "metrics.csv") if (run / FRONTS).is_dir() else ()
+    files = {run / FRONTS / f"{row['iteration']}.npz": row for row in rows}
+    return {
+        file: (float(row["env_steps"]), float(row["train_seconds"]), hypervolume_of(row))
+        for file, row in files.items()
+        if file.is_file()
+    }
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:

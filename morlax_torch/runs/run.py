@@ -23,6 +23,7 @@ from ..host.files import (
     AnyPath,
     Taken,
     attempting,
+    make_folder,
     making,
     read,
     remove_drafts,
@@ -35,11 +36,15 @@ from .checkpoint import Contents
 from .hardware import FILE as HARDWARE
 from .hardware import Machine, read_machines, write_machines
 from .loading import named_run, trust_run
-from .progress import BEST, Evaluation, Progress, read_rows
+from .progress import BEST, FRONTS, Evaluation, Progress, read_rows
 from .references import NAMES_CODE, copy_files, localized
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
+
+
+LOCK = "train.lock"
+PATIENCE = 0.2  # s that training waits for a lock, which `is_training` may hold for a moment
 
 
 def taken(folder: Path) -> MorlaxError:
@@ -57,6 +62,7 @@ class Run:
     metrics.csv     one row per evaluation
     front.npz       the front of checkpoints/best.pt
     checkpoints/    best.pt by hypervolume, latest.pt, and latest.npz, the front of latest.pt
+    fronts/         ITERATION.npz: the fronts of evaluations that are a `milestone`, and the newest
     events.*        TensorBoard
 
     One thread at a time may use it. As a context manager it closes itself.
@@ -64,10 +70,10 @@ class Run:
 
     def __init__(self, folder: AnyPath):
         self.folder = Path(folder)
-        self.checkpoints = self.folder / "checkpoints"
+        self.checkpoints, self.fronts = self.folder / "checkpoints", self.folder / FRONTS
         self._metrics = self.folder / "metrics.csv"
         self._rows: list[dict[str, Any]] = []
-        self._lock = FileLock(self.folder / "train.lock", timeout=0)  # ends with its process
+        self._lock = FileLock(self.folder / LOCK, timeout=PATIENCE)  # ends with its process
         self._writing = f"write events in {self.folder}"
         self._purge_step: int | None = None  # TensorBoard drops events from this step on
 
@@ -181,6 +187,8 @@ class Run:
         dropped = [int(row["iteration"]) for row in rows[len(self._rows) :]]
         if dropped:
             self._write_rows()
+        for iteration in dropped:
+            self._front_of(iteration).unlink(missing_ok=True)
         repeats = not evaluated and learner.iteration in (0, *dropped)
         self._purge_step = learner.env_steps + (0 if repeats else 1)
         if self.has_evaluation(learner.iteration) and float(self._rows[-1].get(BEST) or 0):
@@ -192,7 +200,7 @@ class Run:
         copy_files(learner.config, self.folder)
         if not machines or machines[-1] != machine:
             write_machines(self.folder, [*machines, machine])
-        for folder in (self.folder, self.checkpoints):
+        for folder in (self.folder, self.checkpoints, self.fronts):
             remove_drafts(folder)
 
     def save(
@@ -208,6 +216,7 @@ class Run:
         path, iteration = self.checkpoints / "latest.pt", contents["learner"]["iteration"]
         if evaluation is not None:
             _save_front(evaluation.front, path)
+            self._keep(evaluation)
         evaluated = {"evaluated": self.has_evaluation(iteration)}
         checkpoint.write(path, contents, progress.model_copy(update=evaluated))
         if evaluation is not None and evaluation.best:
@@ -217,6 +226,17 @@ class Run:
         best = self.checkpoints / "best.pt"
         write_file(best, read(self.checkpoints / "latest.pt", "checkpoint"))
         _save_front(front, best)
+
+    def _keep(self, evaluation: Evaluation) -> None:
+        """Keep the front of the newest evaluation, and drop the one before unless it stands out."""
+        make_folder(self.fronts)
+        evaluation.front.save(self._front_of(evaluation.iteration))
+        before = len(self._rows) - 2
+        if before >= 0 and not milestone(before):
+            self._front_of(self._rows[before]["iteration"]).unlink(missing_ok=True)
+
+    def _front_of(self, iteration: int | str) -> Path:
+        return self.fronts / f"{iteration}.npz"
 
     def has_evaluation(self, iteration: int) -> bool:
         return any(int(row["iteration"]) == iteration for row in self._rows)
@@ -260,8 +280,7 @@ class Run:
         self.log_scalars(evaluation.scalars, steps)
         if target := config.fitting_target:
             self.log_scalars({"front/hypervolume_target": target}, steps)
-        # ever fewer, so that a long run stays small: evaluations 0 to 9, 10, 20, ..., 100, 200, ...
-        if number % 10 ** (len(str(number)) - 1) == 0:
+        if milestone(number):
             from ..evaluation import figures  # matplotlib loads slowly
 
             name = f"{title(config.env)} after {steps / 1e6:.1f} M steps"
@@ -301,6 +320,25 @@ class Run:
         except MorlaxError:
             if kind is None or issubclass(kind, GeneratorExit):
                 raise  # else on a full disk this error would hide the first one
+
+
+def milestone(number: int) -> bool:
+    """Return whether a run keeps pictures and the front of an evaluation, by its number from 0.
+
+    After the first ten, each is a tenth later than the one before, so that a long run stays small.
+    """
+    scales = [int(math.log(max(1, each), 1.1)) for each in (number - 1, number)]
+    return number < 10 or scales[0] < scales[1]
+
+
+def is_training(folder: Path) -> bool:
+    """Return whether a process trains the run in a folder."""
+    try:
+        if (folder / LOCK).exists():
+            FileLock(folder / LOCK, timeout=0).acquire().lock.release()
+    except OSError as error:  # or it is another user's run, which cannot be locked
+        return isinstance(error, Timeout)
+    return False
 
 
 def _save_front(front: Front, path: Path) -> None:

@@ -1,7 +1,9 @@
 """Descriptions of a task, its model and its front for the page."""
 
 import json
+from functools import lru_cache
 from inspect import cleandoc
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -15,6 +17,7 @@ from ..evaluation.evaluator import DISCOUNT
 from ..evaluation.front import Front
 from .camera import shown_geoms
 
+MOST_DRAWN = 128  # policies of a front that is past
 VELOCITIES = ("m/s", "lin_vel")  # how names of commanded velocities begin
 SHAPES = (  # what the page draws; see mjModel
     *("geom_type", "geom_bodyid", "geom_group", "geom_matid", "geom_dataid"),
@@ -99,6 +102,24 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
         "falls": falls.round(4).tolist(),
         "pair": axes[list(pareto.conflicting_pairs(signed)[0])].tolist(),
         "checkpoint": front.checkpoint,
+        "fingerprint": front.fingerprint,
+    }
+
+
+@lru_cache(1000)
+def moment_map(file: Path, *numbers: float) -> dict[str, Any]:
+    """Describe one of `kept_fronts`: its numbers, and a few of its non-dominated policies.
+
+    `values` are returns, then quantities.
+    """
+    front = Front.load(file)
+    best = np.flatnonzero(front.non_dominated)
+    shown = best[:: -(-len(best) // MOST_DRAWN)]
+    return {
+        "numbers": numbers,
+        "fingerprint": front.fingerprint,
+        "tradeoffs": front.tradeoffs[shown].round(3).tolist(),
+        "values": front.values[shown].round(3).tolist(),
     }
 
 

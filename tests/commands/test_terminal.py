@@ -59,7 +59,7 @@ def test_the_help_of_every_command_fits_and_names_the_command(name, monkeypatch,
     for option in SHOWN.get(name, ()):
         assert option in text
     if name == "train":
-        assert text.count("\n  --") == 20
+        assert text.count("\n  --") == 21
         assert all(f"{task}," in text or f"{task}." in text for task in envs.names())
 
 

@@ -20,7 +20,7 @@ from morlax_torch import envs
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
-from morlax_torch.runs.progress import Evaluation, Progress, best_row, read_rows
+from morlax_torch.runs.progress import Evaluation, Progress, best_row, kept_fronts, read_rows
 from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
@@ -233,14 +233,14 @@ class Killed(BaseException):
 VOLUMES = (2.0, 3.0, 1.0)  # hypervolume by iteration
 
 
-SLOW = [pytest.param(n, marks=pytest.mark.slow) for n in (4, *range(6, 15))]
+SLOW = [pytest.param(n, marks=pytest.mark.slow) for n in (4, *range(6, 17))]
 
 
 @pytest.mark.parametrize("writes", [5, *SLOW])
 def test_a_kill_between_any_two_writes_leaves_the_best_checkpoint_with_its_row(
     writes, tmp_path, monkeypatch
 ):
-    """Of 14 writes: the run's three files, its folder, and five for each of two evaluations.
+    """Of 16 writes: the run's three files, its folder, and six for each of two evaluations.
 
     The resumed run evaluates only at its end, which is not the best.
     """
@@ -260,11 +260,13 @@ def test_a_kill_between_any_two_writes_leaves_the_best_checkpoint_with_its_row(
     with monkeypatch.context() as patch, suppress(Killed):
         patch.setattr(Path, "replace", counted)
         train(tiny(**{"max_env_steps": 32, "evaluation.every": 32}), output=tmp_path / "run")
-    assert (left < 0) == (writes < 14)
+    assert (left < 0) == (writes < 16)
     run = train(tiny(**{"evaluation.every": 4096}), Run.open(tmp_path / "run"))
     table, best = rows(run), checkpoint.load(run.checkpoints / "best.pt")
     numbers = [int(row["iteration"]) for row in table]
     assert numbers in ([0, 2], [0, 1, 2])
+    assert sorted(int(file.stem) for file in kept_fronts(run.folder)) == numbers
+    assert len(list(run.fronts.iterdir())) == len(numbers)
     best_number = max(numbers, key=VOLUMES.__getitem__)
     assert int(table[best_row(table)]["iteration"]) == best_number == best.learner["iteration"]
     front = Front.load(run.folder / "front.npz")

@@ -23,8 +23,8 @@ from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.progress import Evaluation, Progress, read_rows
-from morlax_torch.runs.run import Run
+from morlax_torch.runs.progress import Evaluation, Progress, kept_fronts, read_rows
+from morlax_torch.runs.run import Run, is_training, milestone
 from morlax_torch.runs.training import Schedule
 from morlax_torch.train import train
 
@@ -128,6 +128,16 @@ def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
     assert run.config() == tiny()
 
 
+def test_a_run_keeps_the_fronts_of_its_growth_and_the_newest_but_few_of_a_long_run(tmp_path):
+    config = tiny(**{"max_env_steps": 32 * 14, "evaluation.every": 32})
+    kept = kept_fronts(train(config, output=tmp_path / "run").folder)
+    assert [int(file.stem) for file in kept] == [*range(13), 14]
+    for file, (steps, _, hypervolume) in kept.items():
+        assert steps == 32 * int(file.stem)
+        assert Front.load(file).hypervolume == pytest.approx(hypervolume)
+    assert sum(map(milestone, range(10_000))) < 100
+
+
 def test_of_fronts_short_of_the_reference_point_the_last_is_the_best(tmp_path):
     far = {"task": {"reference_point": [1e9, 1e9]}}
     rows = metrics(train(tiny(**far), output=tmp_path / "run"))
@@ -166,6 +176,7 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
         iterate(morlax, done)
         if morlax.iteration == 3:
             held = r"is being trained by another process: wait"
+            assert is_training(Path("run"))
             with pytest.raises(MorlaxError, match=held):
                 Run.open("run").restore(small.learner(morlax.config))
             os.kill(os.getpid(), number)
@@ -175,7 +186,7 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
     monkeypatch.setattr(sys, "argv", ["train", *map(str, HOPPER)])
     with pytest.raises(SystemExit) as exit:
         train_command.main()
-    assert exit.value.code == status
+    assert exit.value.code == status and not is_training(Path("run"))
     output = " ".join(capsys.readouterr().out.split())
     assert "interrupted" in output and "train --resume run" in output
     assert iterations(tmp_path / "run") >= 3

@@ -17,9 +17,11 @@ import mujoco
 import numpy as np
 import pytest
 from browsing import PATIENCE, View, chromium, exploring, needs_page
+from growing import grow, train_on
 from matplotlib.colors import to_rgb
+from tiny import TYPED
 
-from morlax_torch.commands import explore
+from morlax_torch.commands import explore, train
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import loading
 
@@ -53,8 +55,10 @@ def test_without_websockets_the_error_names_the_extra(workplace, make_run, monke
     for name in [name for name in sys.modules if name.startswith("websockets.") or name in ours]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
-    text = refused(explore, "run", "--port", "0")
-    assert "pip install 'morlax-torch[explore]'" in text
+    tried = (explore, "run", "--port", "0"), (train, "--env", "hopper", *TYPED, "--explore")
+    for words in tried:
+        assert "pip install 'morlax-torch[explore]'" in refused(*words)
+    assert os.listdir() == ["run"]
 
 
 WAITING = """
@@ -91,9 +95,10 @@ LONG = "a-long-name-of-an-experiment"
 def served(tmp_path_factory, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
     """Serve a run with three objectives; others lie beside it. Yields address and process."""
     place = tmp_path_factory.mktemp("served")
-    make_run(place / "runs/cheetah3/a", "cheetah3", "best", "latest")
+    grow(make_run(place / "runs/cheetah3/a", "cheetah3", "best", "latest"))
     make_run(place / "runs/hopper/b", "hopper", "best")
     make_run(place / "runs/bruce/c", "bruce", "best")
+    grow(make_run(place / "runs/hopper/grows", "hopper", "best"))
     make_run(place / "runs/bare", "hopper", "best")
     (place / "runs/bare/front.npz").unlink()
     broken = make_run(place / f"runs/{LONG}/20261120-054533-0", "hopper", "best")
@@ -285,6 +290,42 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     for name in ("latest", "best"):
         third.tab.select_option("#checkpoint-list", name)
         phone.until(lambda n=name: phone.tab.input_value("#checkpoint-list") == n, "the old one")
+
+
+@pytest.mark.slow
+def test_the_page_looks_back_on_training_and_follows_it_without_a_reload(visit, tmp_path):
+    view = visit()
+    scrubber = view.tab.get_by_role("slider", name="Training", exact=True)
+    scrubber.focus()
+    scrubber.press("ArrowLeft")
+    said = "after 10 s of training, 1k steps: hypervolume 6k"
+    view.until(lambda: view.text("moment-told") == said, "the scrubber has no effect")
+    assert scrubber.get_attribute("aria-valuetext") == said
+    past = view.tab.locator("#front .looks-back g circle:not(.mark)")
+    view.until(lambda: past.count() > 0, "the earlier front is not shown")
+    shot(view, "training", tmp_path)
+    scrubber.press("End")
+    view.until(lambda: past.count() == 0, "the page does not return to the present")
+    assert view.tab.locator("#front .earlier").count() == 2
+    view.press("play")
+    view.until(lambda: past.count() > 0, "the front does not grow")
+    view.press("stop")
+
+    # a newer checkpoint replaces policies and front, but neither the robot nor what has the focus
+    show(view, "runs/hopper/grows", 2)
+    view.press("per episode")
+    view.press("run")
+    evaluated = view.tab.locator("#episode tr", has_text="run").locator("td").last
+    view.until(lambda: evaluated.inner_text() == "110", "no evaluated return")
+    view.tab.focus("#typed")
+    view.tab.evaluate("self.mine = () => {}")
+    policy = loading.load("runs/hopper/grows")
+    policy.agent.actor.bias.data += 0.1
+    train_on(Path("runs/hopper/grows"), policy)
+    view.until(lambda: evaluated.inner_text() == "111", "no new front")
+    assert view.tab.evaluate("[typeof mine, document.activeElement.id]") == ["function", "typed"]
+    view.press("per second")
+    show(view, "runs/cheetah3/a", 3)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -12,7 +13,8 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from browsing import PATIENCE, Client, exploring
+from browsing import PATIENCE, Client, addressed, exploring, started
+from tiny import TYPED
 
 from morlax_torch import envs, save
 
@@ -184,6 +186,41 @@ def test_ctrl_c_does_not_wait_for_clients_that_do_not_read(workplace, make_run):
         process.wait(timeout=8)  # about one second; websockets alone takes 10 to 20
         for client in clients:
             client.close()
+
+
+@pytest.mark.slow
+def test_a_page_beside_training_follows_it_and_ends_with_it(workplace):
+    words = ("train", "--env", "hopper", *TYPED[:-2], "--evaluation.every", "3200", "--explore")
+    with started(*words) as process:
+        client = Client(address := addressed(process))
+        client.until(lambda: len(client.state["training"]) > 1, "the growth is not shown")
+        before = client.state["training"][-1]
+        client.until(lambda: client.state["training"][-1] != before, "training is not followed")
+        assert client.state["checkpoint"] == "latest"
+        assert client.state["front"]["fingerprint"] == client.state["training"][-1]["fingerprint"]
+        client.moves()
+        client.close()
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 130 and "interrupted" in output and errors == ""
+        with pytest.raises(urllib.error.URLError, match="refused"):
+            for _ in range(10 * PATIENCE):
+                request(address)
+                time.sleep(0.1)
+
+
+@pytest.mark.slow
+def test_a_page_beside_training_stays_until_ctrl_c(workplace):
+    with started("train", "--env", "hopper", *TYPED, "--explore") as process:
+        lines: list[str] = []
+        while not {"open", "the"} <= {line.split()[0] for line in lines if line.strip()}:
+            lines.append(process.stdout.readline())
+            assert lines[-1]
+        address, *_ = [line.split()[1] for line in lines if line.startswith("open ")]
+        client = Client(address)
+        client.moves()
+        client.close()
+        assert ended(process) == ""
 
 
 FRAGILE = """

@@ -4,18 +4,22 @@ import hashlib
 import json
 import os
 import time
+from collections.abc import Callable
 from queue import Queue
 
 import mujoco
 import numpy as np
 import pytest
+import torch
 from browsing import PATIENCE
+from filelock import FileLock
+from growing import grow, train_on
 
-from morlax_torch import MorlaxError, evaluate
+from morlax_torch import MorlaxError, evaluate, load
 from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
-from morlax_torch.viewers.explorer import library
+from morlax_torch.viewers.explorer import exhibits, library
 from morlax_torch.viewers.explorer.comparisons import Comparison
 from morlax_torch.viewers.explorer.exhibits import RunExhibit, Thresholds
 from morlax_torch.viewers.explorer.session import (
@@ -192,6 +196,61 @@ def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
     thresholds.stop()
     wait()
     assert len(found) == 1 and thresholds.state()["levels"] == {}
+
+
+def follow(exhibit: RunExhibit, requests: Queue, until: Callable[[dict], bool]) -> dict:
+    """Look at a run's files as often as needed, and return the state that is waited for."""
+    limit = time.monotonic() + PATIENCE
+    while not until(state := exhibit.state()):
+        assert time.monotonic() < limit
+        if not requests.empty():
+            requests.get()()
+        time.sleep(0.02)
+    return state
+
+
+def test_the_policies_of_a_newer_checkpoint_act_while_the_robot_goes_on(
+    tmp_path, monkeypatch, make_run
+):
+    monkeypatch.setattr(exhibits, "LOOK", 0.0)
+    run, requests = make_run(tmp_path / "run", "hopper", "best"), Queue()
+    grow(run)
+    exhibit = RunExhibit(library.choose(str(run)), requests.put)
+    state = follow(exhibit, requests, lambda state: bool(state["training"]))
+    assert [moment["numbers"] for moment in state["training"]][1:] == [
+        (1000.0, 10.0, 6000.0),
+        (2000.0, 20.0, 9000.0),
+    ]
+    assert state["training"][-1]["fingerprint"] == state["front"]["fingerprint"]
+    (robot,) = exhibit.robots
+    play(robot, 0.1)
+    policy, steps = load(run), robot.steps
+    policy.agent.actor.bias.data += 0.1
+    train_on(run, policy)
+    before = state["front"]["returns"][0][0]
+    follow(exhibit, requests, lambda state: state["front"]["returns"][0][0] == before + 1)
+    assert exhibit.robots[0] is robot and robot.steps == steps > 0
+    seen = robot.player.observation
+    robot.step()
+    expected = policy(seen, robot.tradeoff)[0]
+    torch.testing.assert_close(robot.player._network(seen)[0], expected)
+
+    # policies stay while a user judges them
+    press(exhibit, "find")
+    train_on(run, load("hopper"))
+    for _ in range(20):
+        state = exhibit.state()
+        assert requests.empty() and state["front"]["returns"][0][0] == before + 1
+    press(exhibit, "leave")
+    follow(exhibit, requests, lambda state: state["front"]["returns"][0][0] == before + 2)
+
+
+def test_a_run_that_is_being_trained_shows_its_latest_checkpoint(workplace, make_run):
+    make_run(workplace / "runs/a", "hopper", "best", "latest")
+    with FileLock(workplace / "runs/a/train.lock"):
+        assert library.choose("runs/a").checkpoint == "latest"
+        assert library.choose("runs/a", "best").checkpoint == "best"
+    assert library.choose("runs/a").checkpoint == "best"
 
 
 @pytest.mark.slow

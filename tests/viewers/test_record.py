@@ -4,15 +4,19 @@ import os
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from growing import grow
 from PIL import Image
 
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
+from morlax_torch.runs.progress import kept_fronts
 from morlax_torch.viewers.filming import recording
+from morlax_torch.viewers.filming.growth import Growth
 from morlax_torch.viewers.filming.recording import Film, Sweep, write_video
 from morlax_torch.viewers.player import Player
 
@@ -125,8 +129,26 @@ def test_a_sweep_goes_from_each_objective_to_the_next(make_policy, tmp_path):
     assert frames[0].shape == (64, 2 * 96 + GAP, 3)
     assert (frames[0][:, -96:] != frames[-1][:, -96:]).any()  # the mark has moved
     for output, chosen in (("strip.png", ()), ("film.mp4", [(1.0, 0.0)])):
-        with pytest.raises(MorlaxError, match="a sweep is a film"):
-            recording.record(policy, tmp_path / output, chosen, sweep=front)
+        with pytest.raises(MorlaxError, match="a sweep needs no trade-off"):
+            special = partial(Sweep, policy, front)
+            recording.record(policy, tmp_path / output, chosen, special=special)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_the_front_and_its_hypervolume_grow_in_a_film_of_training(tmp_path, make_run):
+    run = make_run(tmp_path / "run", "hopper", "best")
+    grow(run)
+    film = Growth(load(run), kept_fronts(run), [], 192, 128, 0)
+    frames = list(film.frames(1.0, stride=50))
+    assert len(frames) == 3 and frames[0].shape == (2 * 128 + GAP, 2 * 192 + GAP, 3)
+    plots = [(frame[:105, 33:192], frame[:105, -150:]) for frame in frames]
+    colored = [np.argwhere(np.ptp(front.astype(int), 2) > 60) for front, _ in plots]
+    assert colored[0][:, 1].max() < colored[-1][:, 1].max()  # to the right
+    assert colored[0][:, 0].min() > colored[-1][:, 0].min()  # and up
+    ink = [(curve.max(2) < 120).sum() for _, curve in plots]
+    assert ink == sorted(ink) and ink[0] < ink[-1]
+    again = list(film.frames(1.0, stride=50))
+    assert all((one == other).all() for one, other in zip(frames, again, strict=True))
 
 
 @pytest.mark.usefixtures("opengl")
@@ -159,6 +181,8 @@ MISTAKES = {
     "policy.pt --speed -1": "the speed must be above 0",
     "policy.pt --width 0": "from 64 to 4096 pixels",
     "policy.pt --output film.avi": "must end in .mp4 or .gif",
+    "policy.pt --training": "has kept no fronts of its training",
+    "policy.pt --training --sweep": "choose --sweep or --training",
 }
 
 

@@ -187,7 +187,7 @@ class Train(Start):
 
     shown = {
         "What to learn": ("env", "algorithm", "scalarization", "config", "start_from"),
-        "The run": ("output", "resume", "trust", "seed", "device"),
+        "The run": ("output", "resume", "trust", "seed", "device", "explore"),
         "When to stop": ("max_env_steps", "max_seconds", "decay_fraction"),
         "Sizes": ("worlds", "horizon", "sampling.clusters", "network.actor", "ppo.learning_rate"),
         "Evaluations": ("evaluation.every", "evaluation.tradeoffs"),
@@ -207,6 +207,8 @@ class Train(Start):
     order of floating-point sums."""
     trust: bool = False
     """Let the resumed run import the Python files and modules that it names."""
+    explore: bool = False
+    """Show the robot and the growing front in the browser, as `morlax explore` does."""
 
 
 def begin(command: type[S], arguments: Sequence[str]) -> tuple[S, list[str]]:
@@ -306,19 +308,19 @@ def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
     return load_config({**values, "device": str(device)})
 
 
-def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Path | None]":
-    """Read the command line of `train`: its config, the run to resume, and the folder."""
+def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Train]":
+    """Read the command line of `train`: its config, the run to resume, and other options."""
     start, others = begin(Train, arguments)
     if HELP_ALL in others and not (start.env or start.config or start.resume):
         start = start.model_copy(update={"env": USUAL})
     if start.resume is not None:
-        return *_resumed(start, others), None
+        return *_resumed(start, others), start
     config = placed(values_over(start, others))
     if MAY_RESTART and start.output is None:
         raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
     if MAY_RESTART and start.output and (start.output / "config.yaml").is_file():
-        return config, _restarted(start.output), None
-    return config, None, start.output
+        return config, _restarted(start.output), start
+    return config, None, start
 
 
 def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":

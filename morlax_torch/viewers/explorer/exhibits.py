@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,19 @@ from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
 from ...host.phases import heard_by
 from ...networks.policy import Policy
+from ...runs.checkpoint import folder_of
 from ...runs.choosing import Chooser
 from ...runs.loading import bookmark, bookmarks, evaluate, own_folder, rename_bookmark
+from ...runs.progress import kept_fronts
+from ..describing import front_map, moment_map
 from . import library
 from .comparisons import Comparison
-from .session import Put, Session, Weights
+from .session import Put, Session, Weights, policies_of
 
 MOST = 4  # robots
 TRADEOFFS = 33  # of the front of a new body: few, so that it follows soon
 SCAN = 3.0  # s between searches for new runs
+LOOK = 1.0  # s between looks at the files that training writes
 Wanted = tuple[dict[str, float], str, dict[str, float]]  # arguments of `Chooser.choose`
 Request = dict[str, Any]  # "act", and the fields of that act
 
@@ -130,8 +135,20 @@ class Thresholds:
             self.reason = str(error)
 
 
+Written = tuple[library.Choice, Policy, Front | None, list[dict[str, Any]]]
+
+
+def _read(choice: library.Choice) -> Written:
+    """Read what training has written."""
+    kept = kept_fronts(folder_of(choice.file))
+    moments = [moment_map(file, *numbers) for file, numbers in kept.items()]
+    return library.choose(choice.run, choice.checkpoint), *policies_of(choice), moments
+
+
 class RunExhibit:
     """Robots of a run, all with one body, of which users steer one; or two of "A or B?".
+
+    While the run is being trained, the policies of its newest checkpoint replace those shown.
 
     `robots` are at least one, `state` describes as JSON what can change apart from poses, and
     `react` fulfills a request, or raises MorlaxError. `put` queues calls of other threads that use
@@ -139,9 +156,9 @@ class RunExhibit:
     """
 
     def __init__(self, choice: library.Choice, put: Put, tradeoff: Weights | None = None):
-        self._put, self._scanned = put, -SCAN
+        self._put, self._scanned, self._looked = put, -SCAN, -LOOK
         self._labels: dict[str, str] = {}  # of runs to choose from
-        self._measuring = False
+        self._measuring = self._reading = False
         self._open(choice, Session.open(choice))
         if tradeoff is not None:
             self._steer(tradeoff)
@@ -156,6 +173,9 @@ class RunExhibit:
         self._rounds = self._episodes = 0
         self._front: Front | None = None  # that thresholds refer to
         self._chosen: Thresholds | None = None
+        self._written: list[int] | None = None  # when the files that were read were written
+        self._training: list[dict[str, Any]] = []  # moments of it
+        self._map: dict[str, Any] | None = None  # of the latest front
 
     @property
     def robots(self) -> Sequence[Session]:
@@ -166,8 +186,11 @@ class RunExhibit:
         return self._sessions[self._selected]
 
     def state(self) -> dict[str, Any]:
+        self._follow()
         thresholds = self._thresholds()
         return {
+            "front": self._map,
+            "training": self._training,
             "asking": self._asking and self._asking.state(),
             "runs": self._runs(),
             "run": self._choice.run,
@@ -301,7 +324,7 @@ class RunExhibit:
         if self._steered.player.policy is policy:
             self._stale = False
             for session in self._sessions:
-                session.front, session.robot = front._replace(checkpoint="this body"), policy
+                session.front = front._replace(checkpoint="this body")
         elif self._stale:
             self._measure()
 
@@ -315,6 +338,32 @@ class RunExhibit:
         self._saving = {"busy": False, "text": str(done.exception())}
         self._saving["text"] = "written: " + ", ".join(map(str, done.result()))
 
+    def _follow(self) -> None:
+        """Read what training has written, in another thread, unless it is known."""
+        if self._reading or time.monotonic() < self._looked + LOOK:
+            return
+        self._looked, written = time.monotonic(), self._choice.written()
+        if written != self._written and not self._judges():
+            self._reading, work = True, partial(_read, self._choice)
+            _aside(work, self._put, partial(self._renew, self._choice, written))
+
+    def _judges(self) -> bool:
+        """Return whether a user judges policies, which therefore stay as they are."""
+        levels = self._chosen and self._chosen.levels
+        return bool(self._asking or levels or self._steered.reshaped)
+
+    def _renew(self, choice: library.Choice, written: list[int], done: Future[Written]) -> None:
+        """Show what training has written, if the page still shows that checkpoint."""
+        self._reading = False
+        if choice is not self._choice or self._judges():
+            return
+        with suppress(MorlaxError):  # training has removed a file meanwhile: read again
+            self._choice, policy, front, self._training = done.result()
+            self._written = written
+            if front and (not self._front or front.fingerprint != self._front.fingerprint):
+                for session in self._sessions:
+                    session.renew(policy, front)
+
     def _thresholds(self) -> Thresholds | None:
         """Return the thresholds for the steered robot's front, if it has one."""
         session = self._steered
@@ -322,6 +371,7 @@ class RunExhibit:
             self._front, self._chosen = session.front, None
             if session.front is not None:
                 self._chosen = Thresholds(session, session.front, self._put, self._steer)
+                self._map = front_map(session.front, session.player.env)
         return self._chosen
 
     def _runs(self) -> dict[str, str]:

@@ -19,9 +19,11 @@ from ...host.files import RUNS, newest_runs, task_of, write_file
 from ...host.version import __version__
 from ...networks.policy import Policy
 from ...runs import loading
-from ...runs.checkpoint import fingerprint
+from ...runs.checkpoint import fingerprint, folder_of, front_path
 from ...runs.loading import find_checkpoint
+from ...runs.progress import FRONTS
 from ...runs.references import named_task
+from ...runs.run import is_training
 
 POLICY, CARD = "policy.onnx", "decision.html"
 BODY = "body.pt"  # policies of a body that is not the checkpoint's
@@ -67,6 +69,12 @@ class Choice(NamedTuple):
     def file(self) -> Path:
         return self.files[self.checkpoint]
 
+    def written(self) -> list[int]:
+        """Return when each file that training writes, and the page shows, was written; 0: never."""
+        run = folder_of(self.file)
+        files = self.file, front_path(self.file), run / "metrics.csv", run / FRONTS
+        return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
+
     @property
     def argument(self) -> str:
         """What names the checkpoint in a command line: its run, or the file."""
@@ -105,7 +113,8 @@ class Choice(NamedTuple):
 def choose(run: str, checkpoint: str | None = None) -> Choice:
     """Find a checkpoint of a run, or raise MorlaxError.
 
-    `checkpoint` is its name, such as "latest" (None: the best one, or the checkpoint file `run`).
+    `checkpoint` is its name, such as "latest" (None: the best one, the latest of a run that is
+    being trained, or the checkpoint file `run`).
     """
     run = str(loading.named_run(run))
     file = find_checkpoint(run)
@@ -113,6 +122,8 @@ def choose(run: str, checkpoint: str | None = None) -> Choice:
         if file.parent.name != "checkpoints":
             return Choice(run, file.stem, {file.stem: file})
         run = str(loading.find_run(run))
+    elif is_training(folder_of(file)):
+        file = file.with_stem("latest")
     files = {file.stem: file for file in sorted(file.parent.glob("*.pt"))}
     name = checkpoint or file.stem
     if name not in files:

@@ -85,10 +85,11 @@ class Page:
         self.address = self._server.address
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Move the robots in real time and serve browsers until `ended` returns true."""
+        """Move the robots in real time while browsers watch, until `ended` returns true."""
         frame = shown = 0.0
         while not ended():
-            now, pace = time.perf_counter(), 0.0 if self._paused else self._pace
+            moves = self._server.tabs and not self._paused
+            now, pace = time.perf_counter(), self._pace if moves else 0.0
             if failure := self._attempt(partial(self._advance, now, pace)):
                 self._paused, self._failure = True, failure
             if now >= shown:
@@ -129,8 +130,8 @@ class Page:
     def _show(self, to: ServerConnection | None = None) -> None:
         """Send what has changed to all browsers, or everything to one."""
         first = self._exhibit.robots[0]
-        if self._robot is not first.robot:
-            self._robot, self._drawn = first.robot, None
+        if self._robot is not first.opened:
+            self._robot, self._drawn = first.opened, None
             self._about = json.dumps({"type": "run", "about": first.about()})
             self._server.send(self._about)
         if self._drawn is not first.model:

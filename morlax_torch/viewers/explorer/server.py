@@ -51,13 +51,13 @@ class Server:
 
     The files are given by path; "" is the page. The port may be the next free one; 0 selects any.
     `hear` is called in the server's thread with each message of a tab, and with None when a tab has
-    connected. Raises MorlaxError if the address cannot be listened on.
+    connected, which is then one of `tabs`. Raises MorlaxError if the address cannot be listened on.
     """
 
     def __init__(self, files: Mapping[str, bytes], host: str, port: int, hear: Hear):
         self._socket = listening(host, port)
         self._files, self._hear = files, hear
-        self._token, self._tabs = secrets.token_urlsafe(24), set[ServerConnection]()
+        self._token, self.tabs = secrets.token_urlsafe(24), set[ServerConnection]()
         # a page whose name resolves to this machine (DNS rebinding) names itself as the host
         self._hosts = {_in_address(name) for name in LOCALHOST} if host in LOCALHOST else None
         self._packed = cache(lambda path: gzip.compress(files[path]))
@@ -87,9 +87,9 @@ class Server:
     def _send(self, message: str | bytes, to: ServerConnection | None) -> None:
         """Send; a tab whose connection is too slow misses poses, which others replace soon."""
         if to is not None and to.state is State.OPEN:
-            self._tabs.add(to)
+            self.tabs.add(to)
         # a broken connection is open until its handler has run, and asyncio logs what it gets
-        tabs = [x for x in (self._tabs if to is None else [to]) if not x.transport.is_closing()]
+        tabs = [x for x in (self.tabs if to is None else [to]) if not x.transport.is_closing()]
         if to is None and isinstance(message, bytes):
             tabs = [tab for tab in tabs if tab.transport.get_write_buffer_size() < BEHIND]
         broadcast(tabs, message)
@@ -102,7 +102,7 @@ class Server:
         except ConnectionClosed:
             pass
         finally:
-            self._tabs.discard(tab)
+            self.tabs.discard(tab)
 
     def _admitted(self, path: str, headers: Headers) -> str | None:
         """Return the path below the token; None if the request may not come in."""

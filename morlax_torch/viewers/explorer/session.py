@@ -15,7 +15,7 @@ from ...envs.worlds.trees import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.loading import load, load_front
-from ..describing import array_bytes, described_task, drawn_arrays, front_map
+from ..describing import array_bytes, described_task, drawn_arrays
 from ..player import PUSH, Player
 from .library import Choice
 
@@ -30,37 +30,33 @@ class Session:
     """A robot and its trade-off.
 
     Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
-    that of the policies, if it was evaluated. `robot` is the same object for sessions that look
-    alike and can stand side by side. `data` is the current state, of an episode with `steps` so
-    far; a step takes `dt` s. `ghost` is what the robot should be, by its motion.
+    that of the policies, if it was evaluated. `opened` are the policies that it began with, the
+    same object for sessions that look alike and can stand side by side. `data` is the current
+    state, of an episode with `steps` so far; a step takes `dt` s. `ghost` is what the robot should
+    be, by its motion.
     """
 
     def __init__(self, policy: Policy, front: Front | None):
         self.objectives, self.front = policy.objectives, front
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.player = player = Player(policy, self.tradeoff)
-        self.robot: object = policy
         self.model, self.data, self.dt = player.model, player.data, player.env.dt
         self.ghost = player.ghost
         self.steps, self._due = 0, 0.0
         self._clock: float | None = None
         self.last_episode: dict[str, Any] | None = None
         self.axes = horizontal(self.model, player.env.base)
-        self._acting_on, self._opened = self.tradeoff, policy
+        self._acting_on, self.opened = self.tradeoff, policy
         self._directions = np.random.default_rng(0)
 
     @classmethod
     def open(cls, choice: Choice) -> Self:
-        """Show a checkpoint, with its front if it has one."""
-        policy, front = load(choice.file), None
-        with suppress(MorlaxError):
-            front = load_front(choice.file)
-        return cls(policy, front)
+        return cls(*policies_of(choice))
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off and command."""
         twin = type(self)(self.player.policy, self.front)
-        twin._opened, twin.robot, twin.tradeoff = self._opened, self.robot, self.tradeoff
+        twin.opened, twin.tradeoff = self.opened, self.tradeoff
         twin.player.command = list(self.player.command)
         twin._clock, twin._due = self._clock, self._due
         return twin
@@ -77,7 +73,7 @@ class Session:
     def reshaped(self) -> Policy | None:
         """The policy, if its body is not that of the checkpoint."""
         policy = self.player.policy
-        return None if policy.config.task == self._opened.config.task else policy
+        return None if policy.config.task == self.opened.config.task else policy
 
     def reshape(self, policy: Policy) -> None:
         """Go on with another body of this family, whose front is unknown."""
@@ -85,6 +81,10 @@ class Session:
         player.command = self.player.command
         self.player, self.model, self.data, self.front = player, player.model, player.data, None
         self._acting_on, self.steps = self.tradeoff, 0
+
+    def renew(self, policy: Policy, front: Front) -> None:
+        """Let other policies of this family act from the next control step."""
+        self.player.policy, self.front, self._acting_on = policy, front, ()
 
     def advance(self, now: float, pace: float = 1.0) -> int:
         """Take the steps that are due at clock time `now` in seconds; returns how many.
@@ -140,14 +140,13 @@ class Session:
         self.player.command[index] = min(max(value, low), high)
 
     def about(self) -> dict[str, Any]:
-        """Describe the robot for a page, apart from its model and poses."""
-        env, front, policy = self.player.env, self.front, self.player.policy
+        """Describe the robot for a page, apart from its front, model and poses."""
+        env, policy = self.player.env, self.player.policy
         parameters = policy.agent.designs if self.design else {}
         return {
             "title": title(policy.config.env),
             "command": {"limits": env.command_limits} if env.command_limits else None,
             "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
-            "front": None if front is None else front_map(front, env),
             **described_task(env),
         }
 
@@ -164,6 +163,14 @@ class Session:
             # W, mechanical, of the motors; absorbed power counts as positive too
             "power": _finite(np.abs(data.actuator_force * data.actuator_velocity).sum()),
         }
+
+
+def policies_of(choice: Choice) -> tuple[Policy, Front | None]:
+    """Load the policies of a checkpoint, and their front if there is one."""
+    policy, front = load(choice.file), None
+    with suppress(MorlaxError):
+        front = load_front(choice.file)
+    return policy, front
 
 
 def _finite(values: ArrayLike) -> Any:

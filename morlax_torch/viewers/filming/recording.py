@@ -2,7 +2,7 @@
 
 import math
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from io import BytesIO
@@ -58,6 +58,8 @@ class Film:
     last robot has failed, whatever the episode length. `record` describes the arguments.
     """
 
+    endless = False  # whether robots start again after each episode
+
     def __init__(
         self,
         policy: Policy,
@@ -94,22 +96,32 @@ class Film:
 
         The first frame shows the start, and `stride` control steps lie between two frames.
         """
-        takes = self._takes
+        takes, steps = self._takes, self.steps(seconds)
         for take in takes:
             take.reset()
-        steps = self.steps(seconds)
         with self._scenes() as scenes:
             for step in range(0, steps + 1, stride):
                 phase("filming", step / steps)
-                for take in takes:
-                    while take.player.steps < step and not take.failed:
+                self._prepare(step / steps)
+                for take, _ in product(takes, range(stride if step else 0)):
+                    if self.endless and (take.failed or take.player.over):
+                        take.reset()
+                    if not take.failed:
                         take.step()
                 farthest = max(take.distance for take in takes)
                 pairs = zip(takes, scenes, strict=True)
-                yield panels.side_by_side([take.panel(scene, farthest) for take, scene in pairs])
+                robots = [take.panel(scene, farthest) for take, scene in pairs]
+                yield self._arranged(robots, step / steps)
                 last = max(take.player.steps for take in takes)
-                if all(take.failed for take in takes) and (step - last) * self.dt >= LINGER:
+                over = all(take.failed for take in takes) and not self.endless
+                if over and (step - last) * self.dt >= LINGER:
                     return
+
+    def _prepare(self, share: float) -> None:
+        """Prepare the steps before the frame at a share of the film."""
+
+    def _arranged(self, robots: list[Image.Image], share: float) -> NDArray[np.uint8]:
+        return panels.side_by_side(robots)
 
     def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
         """Render a film strip (H, W, 3) RGB: a row of each trade-off, all on one time scale."""
@@ -148,6 +160,7 @@ class Take:
 
     def __init__(self, player: Player, width: int, height: int):
         self.player = player
+        self.note = ""  # before the time
         self.failed = False
         self._frozen: Image.Image | None = None  # its picture since it failed
         # the robot stands right of the table or below it; in a small picture, anywhere
@@ -182,7 +195,8 @@ class Take:
         clock = f"{self.player.steps * self.player.env.dt:.2f} s"
         if self.failed:
             picture, clock = panels.dimmed(picture), f"failed after {clock}"
-        picture = panels.captioned(picture, self._table(), ", ".join([*self._body(), clock]))
+        words = filter(None, [*self._body(), self.note, clock])
+        picture = panels.captioned(picture, self._table(), ", ".join(words))
         self._frozen = picture if self.failed else None
         return picture
 
@@ -239,6 +253,8 @@ class Take:
 class Sweep(Film):
     """One robot that goes from each objective alone to the next, beside a plot of the front."""
 
+    endless = True
+
     def __init__(
         self, policy: Policy, front: Front, width: int = 480, height: int = 360, seed: int = 0
     ):
@@ -250,29 +266,19 @@ class Sweep(Film):
         self._map = Image.fromarray(pixels(figure)).resize((width, height))
         self._places = axes.transData.transform(front.returns[:, pair])  # from below
 
-    def frames(self, seconds: float = 5.0, stride: int = 1) -> Iterator[NDArray[np.uint8]]:
-        (take,) = self._takes
-        take.reset()
-        steps, legs = self.steps(seconds), np.arange(len(self._corners))
-        with self._scenes() as (scene,):
-            for step in range(0, steps + 1, stride):
-                phase("filming", step / steps)
-                passed = step / steps * legs[-1]
-                tradeoff = np.array([np.interp(passed, legs, column) for column in self._corners])
-                take.player.tradeoff = tradeoff.tolist()
-                for _ in range(stride if step else 0):
-                    if take.failed:
-                        take.reset()
-                    take.step()
-                yield panels.side_by_side([take.panel(scene, 0.0), self._marked(tradeoff)])
+    def _prepare(self, share: float) -> None:
+        legs = np.arange(len(self._corners))
+        weights = [np.interp(share * legs[-1], legs, column) for column in self._corners]
+        self._takes[0].player.tradeoff = weights
 
-    def _marked(self, tradeoff: NDArray[np.float64]) -> Image.Image:
-        nearest = np.square(self._front.tradeoffs - tradeoff).sum(1).argmin()
-        x, y = self._places[nearest]
+    def _arranged(self, robots: list[Image.Image], share: float) -> NDArray[np.uint8]:
+        """Mark the policy that is nearest on the front."""
+        away = self._front.tradeoffs - self._takes[0].player.tradeoff.numpy()
+        x, y = self._places[np.square(away).sum(1).argmin()]
         picture, size = self._map.copy(), MARK * self._map.height / 360
         box = (x - size, picture.height - y - size, x + size, picture.height - y + size)
         ImageDraw.Draw(picture).ellipse(box, outline=panels.INK, width=max(2, round(size / 3)))
-        return picture
+        return panels.side_by_side([*robots, picture])
 
 
 def record(
@@ -285,7 +291,7 @@ def record(
     height: int = 360,
     pictures: int = 8,
     seed: int = 0,
-    sweep: Front | None = None,
+    special: Callable[[int, int, int], Film] | None = None,
     bodies: Sequence[Mapping[str, float]] = (),
 ) -> None:
     """Write a film (.mp4, .gif) or a film strip (.png), by the suffix of `output`.
@@ -298,7 +304,7 @@ def record(
         pictures: number per row of a film strip, evenly spaced over the longest gait cycle or two.
         bodies: design parameters of each body to show, by name, each with every trade-off (empty:
             the body of the policy). Then the default is the balanced trade-off.
-        sweep: film one robot instead, whose trade-off moves along this front of the policy.
+        special: makes another film instead, of width, height and seed: a `Sweep`, or a `Growth`.
 
     Raises:
         MorlaxError: an unusable number, no OpenGL, no ffmpeg, or `output` cannot be written.
@@ -306,14 +312,16 @@ def record(
     ending = output.suffix.lower()
     if ending not in (*ENDINGS, ".png"):
         raise MorlaxError(f"{output} must end in .mp4 or .gif (a film) or in .png (a film strip).")
-    if sweep is None:
+    if special is None:
         m = len(policy.objectives)
         shown = tradeoffs or ([[1 / m] * m] if bodies else typical_tradeoffs(m).tolist())
         film = Film(policy, shown, width, height, seed, bodies)
     elif tradeoffs or bodies or ending == ".png":
-        raise MorlaxError("a sweep is a film, no strip, of all trade-offs of one body: name none.")
+        raise MorlaxError(
+            "--sweep and --training are films, not strips, of one body; a sweep needs no trade-off."
+        )
     else:
-        film = Sweep(policy, sweep, width, height, seed)
+        film = special(width, height, seed)
     if ending == ".png":
         write_file(output, png(film.strip(seconds, pictures)))
     else:

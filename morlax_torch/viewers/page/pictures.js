@@ -69,6 +69,9 @@ export function onDrag(drawing, choose, hover = () => {}) {
   });
 }
 
+/** Return the path of a line through places [x, y]. */
+export const lined = (places) => places.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
+
 /** Return round numbers within [low, high], about `count` of them. */
 export function ticks(low, high, count = 4) {
   const rough = (high - low) / count;
@@ -82,7 +85,7 @@ export function ticks(low, high, count = 4) {
 
 /** Format a number for a tick: 2500 is 2.5k. */
 export function short(value) {
-  for (const [size, letter] of [[1e6, "M"], [1e3, "k"]]) {
+  for (const [size, letter] of [[1e9, "G"], [1e6, "M"], [1e3, "k"]]) {
     if (Math.abs(value) >= size) return `${Number((value / size).toPrecision(3))}${letter}`;
   }
   return `${Number(value.toPrecision(3))}`;

@@ -154,18 +154,17 @@ export class Remote {
   /** Go on with another run, all parts of which have come. */
   #begin() {
     if (this.next.state.robots?.length !== this.next.poses.length) return;
-    const { about } = this.next;
-    const reshaped = Boolean(about.design) && about.title === this.about?.title; // the front follows
-    Object.assign(this, this.next, { next: null, scene: { reshaped } });
+    Object.assign(this, this.next, { next: null, scene: {} });
     this.#join();
     if (this.ready) this.listener.renew();
     else this.listener.ready();
     this.ready = true;
   }
 
-  /** Give each robot its pose, if both are known. */
+  /** Give each robot its pose, if both are known, and the task its front, which training renews. */
   #join() {
-    const { robots } = this.state;
+    const { robots, front } = this.state;
+    if (front !== this.about.front) this.about = { ...this.about, front };
     if (robots.length !== this.poses.length) return;
     if (robots.length !== this.robots.length) this.scene = {};
     this.robots = robots.map((robot, i) => Object.assign(robot, this.poses[i]));

@@ -16,7 +16,7 @@ export class Episode {
 
   show() {
     const { robots, about, selected, steered } = this.engine;
-    const form = `${robots.length} ${present()}`;
+    const form = `${robots.length} ${present()} ${about.front?.fingerprint}`;
     if (form !== this.form) this.#tabulate(robots.length, about);
     this.form = form;
     for (const { cells, now } of this.rows) {

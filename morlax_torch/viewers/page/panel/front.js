@@ -1,6 +1,6 @@
 // The map of policies: two of their values against each other, and every point is a trade-off.
 
-import { html, onDrag, percent, short, svg, ticks } from "../pictures.js";
+import { html, lined, onDrag, percent, short, svg, ticks } from "../pictures.js";
 import { distance, lowest, mixed } from "../tradeoffs.js";
 import { inUnit, named, ofEpisode, valuesOf } from "./units.js";
 
@@ -14,18 +14,23 @@ const BETWEEN = 0.006; // a weight's distance, from which on a trade-off is not 
 export class FrontPlot {
   /**
    * Show two values of the policies, by index. `pick` is called with the trade-off that a visitor
-   * chooses, `require` with index and level of a requirement that he or she moves.
+   * chooses, `require` with index and level of a requirement that he or she moves. There is room
+   * for the fronts of all `moments` of training.
    */
-  constructor(about, axes, { pick, require }) {
+  constructor(about, axes, { pick, require }, moments) {
     Object.assign(this, { about, pick, require, front: about.front, held: null, levels: {} });
     const values = valuesOf(about);
     this.axes = axes.map((index) => values.find((value) => value.index === index));
     this.columns = this.axes.map((axis) => axis.values.map((value) => inUnit(axis, value, about)));
     const standing = indicesOf(this.front.fails.map((fails) => !fails)); // a fall may lie far away
-    this.ranges = this.columns.map((column) => paddedRange(standing.length ? standing.map((i) => column[i]) : column));
+    const before = moments.flatMap(({ values }) => values).map((row) => this.#inUnits(row));
+    this.ranges = this.columns.map((column, k) => {
+      const shown = standing.length ? standing.map((i) => column[i]) : column;
+      return paddedRange([...shown, ...before.map((row) => row[k]).filter(Number.isFinite)]);
+    });
     this.places = this.front.tradeoffs.map((_, i) => this.#at(this.columns.map((column) => column[i])));
     this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
-    [this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g")];
+    [this.past, this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g"), svg("g")];
     this.told = [0, 1, 2].map(() => svg("text", { class: "readout told" }));
     this.nearest = 0;
     const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
@@ -35,6 +40,7 @@ export class FrontPlot {
       ...this.#scales(),
       this.lines,
       ...this.#points(),
+      this.past,
       this.pins,
       this.marks,
       ...this.told,
@@ -76,6 +82,29 @@ export class FrontPlot {
       line.setAttribute("y", above ? y - 35 + 13 * i : y + 16 + 13 * i);
       line.setAttribute("text-anchor", late ? "end" : "start");
     });
+  }
+
+  /** Draw the fronts of moments of training faintly, the last one of which may be `asked` for. */
+  trace(moments, asked) {
+    const drawn = moments.map(({ values, tradeoffs }, i) => {
+      const rows = values.map((row, k) => [this.#inUnits(row), tradeoffs[k]]);
+      const known = rows.filter(([place]) => place.every(Number.isFinite));
+      const places = known.map(([place, weights]) => [this.#at(place), weights]);
+      if (asked && i === moments.length - 1) {
+        return places.map(([[cx, cy], weights]) => svg("circle", { cx, cy, r: 3.4, fill: mixed(weights) }));
+      }
+      const sorted = places.map(([place]) => place).sort((a, b) => a[0] - b[0]);
+      const isLine = this.about.objectives.length === 2 && this.axes.every(({ physical }) => !physical);
+      const d = isLine ? lined(sorted) : sorted.map((place) => `${lined([place])}h0`).join("");
+      return [svg("path", { d, class: isLine ? "earlier" : "earlier dots" })];
+    });
+    this.past.replaceChildren(...drawn.flat());
+    this.drawing.classList.toggle("looks-back", asked);
+  }
+
+  /** Return the values of a row on both axes, in the present unit; NaN: unknown. */
+  #inUnits(row) {
+    return this.axes.map((axis) => inUnit(axis, row[axis.index] ?? NaN, this.about));
   }
 
   /** Let only some points stand out, by index; null: all. */

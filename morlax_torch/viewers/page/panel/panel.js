@@ -12,12 +12,14 @@ import { $, html, isNews, percent } from "../pictures.js";
 import { colorOf, keeping, mixed, moved, robotColor } from "../tradeoffs.js";
 import { RunLists, SavingPanel } from "./runs.js";
 import { Sliders } from "./sliders.js";
+import { TrainingPanel } from "./training.js";
 import { Triangle } from "./triangle.js";
 import { TypedWeights } from "./typing.js";
 import * as units from "./units.js";
 
 const KINDS = { velocity: "velocity", command: "command", contacts: "contact forces", trail: "trail" };
 const TELLING = 250; // ms between numbers beside the ring
+const HELD = "#panel :active, :is(#levels, #matrix) :focus"; // what a visitor holds is not replaced
 const FEW = 6; // objectives, each of which gets a row of its own
 
 export class Panel {
@@ -26,13 +28,9 @@ export class Panel {
     Object.assign(this, { engine, stage });
     const { about } = engine;
     this.names = about.titles;
-    this.front = about.front ?? null;
     this.live = new Live(engine);
     this.parts = [new AskingPanel(engine), this.live];
     if (engine.can.open) this.parts.push(new RunLists(engine));
-    this.plots = [];
-    this.axes = this.front?.pair;
-    $("choosing-section").hidden = $("unit").hidden = !this.front;
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
     const measure = () => engine.press("measure");
@@ -44,9 +42,11 @@ export class Panel {
       document.body.classList.add("knows"); // what the hint says
     };
     this.#showWeights(settled);
-    const required = (index) => (this.#reveal(index), settled());
-    this.choosing = this.front ? new ChoosingPanel(engine, required) : null;
-    this.#showPlots();
+    this.triangle = this.names.length === 3 ? [new Triangle(this.names, this.choose)] : [];
+    $("triangle").replaceChildren(...this.triangle.map((plot) => plot.element));
+    this.required = (index) => (this.#reveal(index), settled());
+    this.training = new TrainingPanel(engine);
+    this.#renew();
     $("triangle").onpointerup = $("front").onpointerup = settled;
     this.parts.push(
       new TypedWeights(engine, (weights) => (this.choose(weights), settled())),
@@ -55,8 +55,17 @@ export class Panel {
       new Charts(engine, stage, this.live),
       new SavingPanel(engine),
     );
-    if (this.choosing) this.parts.push(this.choosing);
     for (const unit of ["second", "episode"]) $(`per-${unit}`).onclick = () => this.measureBy(unit);
+  }
+
+  /** Show the front, which training renews. */
+  #renew() {
+    const { engine } = this;
+    const { front } = engine.about;
+    Object.assign(this, { front, moments: this.training.moments });
+    $("choosing-section").hidden = $("unit").hidden = !front;
+    this.choosing = front ? new ChoosingPanel(engine, this.required) : null;
+    this.#showPlots();
     this.measureBy(units.present());
   }
 
@@ -70,7 +79,11 @@ export class Panel {
   /** Show the present. */
   show() {
     const { engine } = this;
+    const isNew = engine.about.front !== this.front || this.training.moments !== this.moments;
+    if (isNew && !document.querySelector(HELD)) this.#renew();
     for (const part of this.parts) part.show();
+    this.choosing?.show();
+    this.training.show();
     showNames(engine);
     const { steered, robots, selected, asking, choosing, bookmarks } = engine;
     this.weights.show(steered.tradeoff);
@@ -79,7 +92,8 @@ export class Panel {
     $("front-section").classList.toggle("stale", this.design !== undefined && !engine.state.measured);
     if (!this.plots.length) return;
     const tradeoffs = robots.map(({ tradeoff }) => tradeoff);
-    if (isNews(this, tradeoffs, selected, asking, choosing?.levels, bookmarks)) {
+    const { past, asked } = this.training;
+    if (isNews(this, tradeoffs, selected, asking, choosing?.levels, bookmarks, asked, past.length)) {
       const others = robots.map((_, i) => i).filter((i) => i !== selected || asking);
       const marks = (asking ? others : [...others, selected]).map((i) => {
         const outline = robots.length > 1 ? robotColor(i) : "var(--ink)";
@@ -89,6 +103,7 @@ export class Panel {
       this.map?.limit(this.#standing());
       this.map?.bound(choosing?.levels ?? {});
       this.map?.pin(bookmarks);
+      this.map?.trace(past, asked !== null);
       this.told = 0;
     }
     if (!this.map || asking || performance.now() < this.told + TELLING) return;
@@ -143,19 +158,20 @@ export class Panel {
   }
 
   #showPlots() {
-    const { front, names, choose } = this;
-    this.triangle = names.length === 3 ? [new Triangle(names, choose)] : [];
-    $("triangle").replaceChildren(...this.triangle.map((plot) => plot.element));
+    const { front, names, moments } = this;
     this.plots = this.triangle;
     const values = front ? units.valuesOf(this.engine.about) : [];
     $("axes").hidden = values.length < 3;
-    $("front").replaceChildren();
     $("matrix").replaceChildren();
-    $("legend").replaceChildren(...(front ? legend(front) : []));
+    $("legend").replaceChildren(...(front ? legend(front, moments) : []));
     $("checkpoint").hidden = Boolean(front);
-    if (!front) return;
-    this.lists = axisChoosers(values, (axes) => this.#enlarge(axes));
-    $("axes").replaceChildren(this.lists[0], html("span", { textContent: "and" }), this.lists[1]);
+    if (!front) return $("front").replaceChildren();
+    const offered = JSON.stringify(values.map(({ index, name }) => [index, name]));
+    if (offered !== this.offered) {
+      Object.assign(this, { offered, axes: front.pair });
+      this.lists = axisChoosers(values, (axes) => this.#enlarge(axes));
+      $("axes").replaceChildren(this.lists[0], html("span", { textContent: "and" }), this.lists[1]);
+    }
     if (names.length < 3) return;
     this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
     $("matrix").replaceChildren(this.matrix.element);
@@ -171,9 +187,12 @@ export class Panel {
   /** Show two values of the policies, by index, as the large front. */
   #enlarge(axes) {
     this.axes = axes;
-    const { choose: pick, choosing } = this;
-    this.map = new FrontPlot(this.engine.about, axes, { pick, require: (...level) => choosing.require(...level) });
+    const { choose: pick, choosing, moments } = this;
+    const acts = { pick, require: (...level) => choosing.require(...level) };
+    const isFocused = $("front").contains(document.activeElement);
+    this.map = new FrontPlot(this.engine.about, axes, acts, moments);
     $("front").replaceChildren(this.map.element);
+    if (isFocused) this.map.drawing.focus({ preventScroll: true });
     axes.forEach((index, i) => (this.lists[i].value = index));
     this.matrix?.choose(axes);
     this.plots = [...this.triangle, ...(this.matrix ? [this.matrix] : []), this.map];
@@ -182,10 +201,11 @@ export class Panel {
 }
 
 /** Return what the marks on the front mean. */
-function legend({ best, fails, checkpoint }) {
+function legend({ best, fails, checkpoint, returns }, moments) {
   const entries = [["mixed", "on the front"]];
   if (best.some((one, i) => !one && !fails[i])) entries.push(["gray", "dominated"]);
   if (fails.includes(true)) entries.push(["cross", "falls in most episodes"]);
+  if (moments.length > 1) entries.push([returns[0].length === 2 ? "line" : "gray", "earlier"]);
   entries.push(["ring", "yours"], ["", `from ${checkpoint}`]);
   return entries.map(([look, textContent]) => html("span", { className: look && `key ${look}`, textContent }));
 }

@@ -1,0 +1,87 @@
+// The growth of the front: a scrubber over the evaluations of a run, and its hypervolume.
+
+import { $, isNews, lined, onDrag, short, svg, ticks } from "../pictures.js";
+import { lowest } from "../tradeoffs.js";
+
+const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [380, 100, 50, 12, 8, 18];
+const NONE = [];
+const LASTS = 8000; // ms from the first evaluation to the last
+
+export class TrainingPanel {
+  constructor(engine) {
+    Object.assign(this, { engine, asked: null, began: null }); // null: the present, not playing
+    const ask = (index) => {
+      this.asked = index === this.present ? null : index;
+      this.began = null;
+    };
+    $("moment").oninput = () => ask(Number($("moment").value));
+    $("grow").onclick = () => (this.began = this.began === null ? performance.now() : null);
+    const near = ([x]) => ask(lowest(this.moments, ({ numbers: [, seconds] }) => Math.abs(this.#across(seconds) - x)));
+    const label = "Hypervolume of the front over the seconds of training";
+    const look = { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart growth", role: "img", "aria-label": label };
+    onDrag((this.drawing = svg("svg", look)), near);
+    $("growth").replaceChildren(this.drawing);
+  }
+
+  /** The evaluations whose fronts the run has kept, the newest last: steps, seconds and hypervolume are `numbers`. */
+  get moments() {
+    return this.engine.state?.training ?? NONE;
+  }
+
+  /** Return the index of the evaluation of the checkpoint that is shown. */
+  get present() {
+    const fingerprint = this.engine.about.front?.fingerprint;
+    const index = this.moments.findIndex((moment) => moment.fingerprint === fingerprint);
+    return index < 0 ? this.moments.length - 1 : index;
+  }
+
+  get past() {
+    return this.asked === null ? this.moments.slice(0, this.present) : this.moments.slice(0, this.asked + 1);
+  }
+
+  show() {
+    const { moments } = this;
+    $("training-section").hidden = moments.length < 2 || !this.engine.about.front;
+    if ($("training-section").hidden) return;
+    this.#play();
+    const at = Math.min(this.asked ?? this.present, moments.length - 1);
+    if (!isNews(this, at, moments.length, moments.at(-1).numbers, this.began !== null)) return;
+    const [steps, seconds, hypervolume] = moments[at].numbers;
+    const text = `after ${short(seconds)} s of training, ${short(steps)} steps: hypervolume ${short(hypervolume)}`;
+    $("grow").textContent = this.began === null ? "play" : "stop";
+    Object.assign($("moment"), { max: moments.length - 1, value: at, ariaValueText: text });
+    $("moment").style.setProperty("--share", at / (moments.length - 1));
+    $("moment-told").textContent = text;
+    this.#draw(at);
+  }
+
+  #play() {
+    if (this.began === null) return;
+    const at = Math.floor(((performance.now() - this.began) / LASTS) * this.present);
+    this.asked = at < this.present ? at : null;
+    if (this.asked === null) this.began = null;
+  }
+
+  #across(seconds) {
+    return LEFT + (seconds / (this.moments.at(-1).numbers[1] || 1)) * (WIDTH - LEFT - RIGHT);
+  }
+
+  #draw(at) {
+    const { moments } = this;
+    const high = Math.max(...moments.map(({ numbers }) => numbers[2])) || 1;
+    const y = (volume) => HEIGHT - BOTTOM - (volume / high) * (HEIGHT - TOP - BOTTOM);
+    const places = moments.map(({ numbers: [, seconds, hypervolume] }) => [this.#across(seconds), y(hypervolume)]);
+    const bottom = HEIGHT - BOTTOM;
+    const times = ticks(0, moments.at(-1).numbers[1] || 1).map((value) => [this.#across(value), value]);
+    const look = { class: "tick", "text-anchor": "middle" };
+    const [cx, cy] = places[at];
+    this.drawing.replaceChildren(
+      ...times.map(([x]) => svg("line", { x1: x, x2: x, y1: TOP, y2: bottom, class: "grid" })),
+      ...times.map(([x, value]) => svg("text", { ...look, x, y: HEIGHT - 4 }, `${short(value)} s`)),
+      ...[0, high].map((v) => svg("text", { class: "tick", x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, short(v))),
+      svg("path", { d: lined(places) }),
+      svg("line", { x1: cx, x2: cx, y1: TOP, y2: bottom, class: "cursor" }),
+      svg("circle", { cx, cy, r: 4 }),
+    );
+  }
+}
