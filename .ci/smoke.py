@@ -32,7 +32,6 @@ LINES = {
     "new": ("arm.xml",),
     "train": ("--env", "cheetah", *TINY, "--max-env-steps", "64", "--output", "run"),
     "evaluate": ("run", "--device", "cpu"),
-    "figures": ("run", "--output", "paper"),
     "choose": ("run", "--maximize", "energy"),
     "design": ("bodies", "--bodies", "4", "--tradeoffs", "2", "--rounds", "1", "--population", "4"),
     "record": ("run", "--output", "strip.png", "--seconds", "0.1", "--pictures", "2"),
@@ -46,7 +45,7 @@ BODIES = (
 WRITTEN = {
     "arm.py",
     *("run/front.npz", "run/report.html", "strip.png", "run/policy.onnx"),
-    *("small/front.npz", "paper/front.pdf", "paper/indicators.tex"),
+    "small/front.npz",
     "bodies/designs/body.xml",
 }
 

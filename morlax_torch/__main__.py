@@ -16,7 +16,6 @@ COMMANDS = {
     "new": "write a task for your own robot, from its MJCF",
     "train": "train one hypernetwork to hold a whole Pareto front",
     "evaluate": "measure the fronts of trained runs",
-    "figures": "write figures and a table of evaluated runs for a paper",
     "choose": "find the trade-off that meets a requirement",
     "design": "find the body and the trade-off that serve best",
     "explore": "steer a robot live in the browser",

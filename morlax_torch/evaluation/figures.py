@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from . import style
 from .front import Front
 from .pareto import conflicting_pairs
-from .style import STYLES as STYLES
 from .style import pixels as pixels
 from .style import save as save
 
@@ -26,53 +25,38 @@ MOST_PAIRS = 6  # projections in a figure
 MOST_LINES = 30  # policies in a figure of parallel coordinates
 COLUMNS = 3
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
-SIZE, PRINTED_SIZE = 14, 6  # of a point, in square points
+SIZE = 14  # of a point, in square points
 SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))
 
 
-def front_figure(
-    front: Front,
-    title: str = "",
-    width: float | None = None,
-    labels: Mapping[int, str] | None = None,
-) -> Figure:
+def front_figure(front: Front, title: str = "") -> Figure:
     """Plot the returns of every trade-off, colored by trade-off; dominated returns are gray.
 
     Two objectives give one plot. Three give the front in 3D and its three projections; more give
-    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most. `labels`
-    mark policies, by index, with letters that the legend explains. `width` is in inches (None: as
-    wide as the plots need on a screen).
+    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most.
     """
-    names, m, labels = front.shown, len(front.objectives), labels or {}
-    size = SIZE if width is None else PRINTED_SIZE
+    names, m = front.shown, len(front.objectives)
     pairs = conflicting_pairs(front.returns[front.non_dominated], MOST_PAIRS)
     all_pairs = m * (m - 1) // 2
     if len(pairs) < all_pairs:
         title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
-    if m == 3 and width is None:  # a plot in 3D is hard to read in print
+    if m == 3:
         figure = style.blank(10.2, 8.2, title)
         grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1])
         _space(figure.add_subplot(grid[0, :], projection="3d"), front)
         plots = [figure.add_subplot(grid[1, column]) for column in range(3)]
     else:
         plot, room = ((5.4, 4.2), 0.0) if m == 2 else ((3.4, 3.3), 0.8)
-        entries = len(labels) + (1 if m == 2 else 1 + m)
-        figure, plots = style.panels(len(pairs), COLUMNS, plot, title, room, width, entries)
+        figure, plots = style.panels(len(pairs), COLUMNS, plot, title, room)
     for axes, pair in zip(plots, pairs, strict=True):
-        _pair(axes, front, pair, size)
+        _pair(axes, front, pair)
     if m == 2:
         colors = LinearSegmentedColormap.from_list("between", style.of_objectives(2)[::-1])
         shade = ScalarMappable(Normalize(0, 1), colors)
         figure.colorbar(shade, ax=plots[0], label=style.weight(names[0]))
     else:
         style.color_key(plots[0], names)
-    for axes in plots:
-        style.letter_key(axes, labels.values())
     style.legend_outside(figure)
-    if labels:
-        figure.draw_without_rendering()  # which places the plots
-        for axes, pair in zip(plots, pairs, strict=True):
-            style.letters(axes, front.returns[[*labels]][:, pair])
     return figure
 
 
@@ -81,15 +65,15 @@ def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes,
     (pair,) = conflicting_pairs(front.returns[front.non_dominated])
     figure = style.blank(width, height, "")
     axes = figure.add_subplot()
-    _pair(axes, front, pair, SIZE)
+    _pair(axes, front, pair)
     return figure, axes, pair
 
 
-def _pair(axes: Axes, front: Front, pair: tuple[int, int], size: float) -> None:
+def _pair(axes: Axes, front: Front, pair: tuple[int, int]) -> None:
     best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     x, y = front.returns[:, pair].T
     _label(axes, front.shown, pair)
-    style.points(axes, x, y, best, size, colors, front.fails)
+    style.points(axes, x, y, best, SIZE, colors, front.fails)
     style.fit(axes, x, y)
 
 
@@ -141,9 +125,7 @@ def shown_lines(front: Front) -> NDArray[np.intp]:
     return np.union1d(chosen, best[even])
 
 
-def fronts_figure(
-    fronts: Mapping[str, Front], title: str = "", width: float | None = None
-) -> Figure:
+def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
     """Overlay the fronts of several families, with one plot per pair of objectives.
 
     Of many pairs, only the MOST_PAIRS that conflict most in the first front are shown.
@@ -154,8 +136,7 @@ def fronts_figure(
     best = {name: front.returns[front.non_dominated] for name, front in fronts.items()}
     names, joined = next(iter(fronts.values())).shown, np.concatenate([*best.values()])
     pairs = conflicting_pairs(next(iter(best.values())), MOST_PAIRS)
-    plot, entries = (4.2, 3.9), len(fronts)
-    figure, plots = style.panels(len(pairs), COLUMNS, plot, title, width=width, entries=entries)
+    figure, plots = style.panels(len(pairs), COLUMNS, (4.2, 3.9), title)
     for axes, pair in zip(plots, pairs, strict=True):
         for (name, returns), look in zip(best.items(), style.distinct(len(best)), strict=True):
             line: dict[str, Any] = {"lw": 0.8, "ms": 3.5, "alpha": 0.8, **look}
@@ -279,21 +260,20 @@ def _maps(front: Front, title: str) -> Figure:
     return figure
 
 
-def hypervolume_figure(
-    histories: Mapping[str, Any], repeated: bool, title: str = "", width: float | None = None
-) -> Figure:
+def hypervolume_figure(histories: Mapping[str, Any], repeated: bool, title: str = "") -> Figure:
     """Plot hypervolume against environment steps and against training seconds.
 
     Each `runs.progress.History` is a line with its name. Those of one training `repeated` with
     other seeds are thin lines instead, overlaid with their median and interquartile range.
     """
-    entries = 3 if repeated else len(histories)
-    figure, plots = style.panels(2, 2, (4.5, 3.7), title, width=width, entries=entries)
+    figure, plots = style.panels(2, 2, (4.5, 3.7), title)
     for axes, (name, label) in zip(plots, SCALES, strict=True):
         curves = [(getattr(history, name), history.hypervolume) for history in histories.values()]
         style.lattice(axes, label)
         if not repeated:
-            for run, curve, look in zip(histories, curves, style.distinct(entries), strict=True):
+            for run, curve, look in zip(
+                histories, curves, style.distinct(len(curves)), strict=True
+            ):
                 axes.plot(*curve, **look, lw=1, ms=3.5, label=run)
             continue
         for k, curve in enumerate(curves):

@@ -1,10 +1,9 @@
 """Shared style of figures: colors that work in grayscale, axis labels, files."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
-from string import ascii_uppercase
 from typing import Any
 
 import matplotlib as mpl
@@ -13,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import AutoLocator, EngFormatter
 from numpy.typing import NDArray
 
@@ -30,25 +28,9 @@ FALLS = {"marker": "x", "lw": 0.9, "s": 14, "color": "0.5", "label": "falls in m
 MARKERS = "osD^vP<*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
-# of a point, the nearest first, above and then counterclockwise, in font sizes (S, 2)
-_SIDES = np.outer((1, 2, 3), np.exp(1j * np.pi * (0.5 + np.arange(16) / 8))).flatten()
-LETTER_SIDES = np.stack([_SIDES.real, _SIDES.imag], -1)
 MOST_MIXED = 3  # objectives whose colors a trade-off mixes
 LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches, of letters of FONT_SIZE
 FONT_SIZE = 10.0  # points
-NARROWEST, PRINTED_ENTRY, PRINTED_LINE = 1.7, 1.8, 0.17  # inches of a plot and in a legend
-PRINTED_HEIGHT = 0.85  # of a plot, as a share of its width
-STYLES: dict[str, Any] = {
-    "screen": {},
-    "paper": {  # no text is smaller than 7 points
-        "font.size": 8.5,
-        "xtick.labelsize": 7.5,
-        "ytick.labelsize": 7.5,
-        "legend.fontsize": 7.5,
-        "legend.labelspacing": 0.2,
-        "axes.linewidth": 0.6,
-    },
-}
 OUTLYING = (0.01, 0.99)  # quantiles between which the bulk of the values lies
 BULK = 0.7  # share of the range, below which an axis leaves out values beyond the bulk
 # journals require embedded TrueType fonts (type 42); the salt makes SVG files reproducible
@@ -78,19 +60,11 @@ def panels(
     size: tuple[float, float],
     title: str,
     room: float = 0.0,
-    width: float | None = None,
-    entries: int = 0,
 ) -> tuple[Figure, list[Axes]]:
-    """Create a figure of so many plots of a size, and `room` beside them, in inches.
-
-    To print, the figure has a `width` instead, and room for the entries of a legend.
-    """
-    columns = min(number, columns if width is None else max(1, int(width / NARROWEST)))
-    if width is not None:
-        size = width / columns, PRINTED_HEIGHT * width / columns
-        room = PRINTED_LINE * math.ceil(entries / max(1, int(width / PRINTED_ENTRY)))
+    """Create a figure of so many plots of a size, and `room` beside them, in inches."""
+    columns = min(number, columns)
     rows = math.ceil(number / columns)
-    figure = blank(width or size[0] * columns, size[1] * rows + room, title)
+    figure = blank(size[0] * columns, size[1] * rows + room, title)
     return figure, [figure.add_subplot(rows, columns, cell + 1) for cell in range(number)]
 
 
@@ -128,27 +102,6 @@ def note(axes: Axes, text: str, point: Any, above: bool = True, **style: Any) ->
     offset, side = (4, "bottom") if above else (-4, "top")
     style |= {"ha": "center", "va": side, "textcoords": "offset points"}
     axes.annotate(text, tuple(point), (0, offset), **style)
-
-
-def letter_key(axes: Axes, texts: Iterable[str]) -> None:
-    """Explain letters by texts in the legend."""
-    for name, text in zip(cycle(ascii_uppercase), texts, strict=False):
-        axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
-
-
-def letters(axes: Axes, points: NDArray) -> None:
-    """Mark points (n, 2) with letters beside them, apart from other letters and points."""
-    axes.scatter(*points.T, s=30, facecolor="none", edgecolor="black", linewidth=0.9, zorder=3)
-    places = axes.transData.transform(points) * 72 / axes.figure.dpi  # in points of text
-    taken, sides = places, LETTER_SIDES * mpl.rcParams["font.size"]
-    for k, (name, point) in enumerate(zip(cycle(ascii_uppercase), points, strict=False)):
-        others = np.delete(taken, k, axis=0)[:, None]
-        gaps = np.linalg.norm(places[k] + sides - others, axis=-1)  # (others, sides)
-        offset = sides[gaps.min(0, initial=mpl.rcParams["font.size"]).argmax()]
-        taken = np.vstack([taken, places[k] + offset])
-        halo: Any = [withStroke(linewidth=2, foreground="white")]
-        look: Any = {"ha": "center", "va": "center", "fontweight": "bold", "path_effects": halo}
-        axes.annotate(name, tuple(point), tuple(offset), textcoords="offset points", **look)
 
 
 def of_objectives(m: int) -> list[str]:

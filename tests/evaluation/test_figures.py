@@ -3,7 +3,6 @@
 from itertools import combinations
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -144,50 +143,17 @@ def apart(figure: Figure) -> None:
                 assert not first.overlaps(second), axis.get_label_text()
 
 
-@pytest.mark.parametrize("style", figures.STYLES)
 @pytest.mark.parametrize("m", (2, 3, 6))
-def test_no_tick_labels_collide(m, style):
+def test_no_tick_labels_collide(m):
     some = wide(m)
     long = tuple(f"{name}_with_a_long_name" for name in some.objectives)
-    width = {"paper": 3.5, "screen": None}[style]
     for scale in (-1234567.0, 0.00012, 300.0):
         scaled = some._replace(returns=scale * (some.returns + 5), objectives=long)
-        with mpl.rc_context(figures.STYLES[style]):
-            apart(figures.front_figure(scaled, "", width, {0: "first", 199: "last"}))
-            apart(figures.fronts_figure({"a": scaled, "b": scaled}, "", width))
-            apart(figures.returns_figure(scaled))
-            apart(figures.parallel_figure(scaled))
-    with mpl.rc_context(figures.STYLES[style]):
-        curves = {"one": history((0, 0), (1.2e8, 3e18))}
-        apart(figures.hypervolume_figure(curves, False, "", width))
-
-
-@pytest.mark.parametrize("m", (2, 3))
-def test_letters_of_policies_side_by_side_do_not_collide(m):
-    some = wide(m)
-    close = {index: f"policy {index}" for index in (0, 100, 101, 102, 103, 104, 105, 199)}
-    with mpl.rc_context(figures.STYLES["paper"]):
-        figure = figures.front_figure(some, "", 3.5, close)
-        figure.draw_without_rendering()
-    for axes in figure.axes:
-        texts = [text for text in axes.texts if text.get_text() in "ABCDEFGH"]
-        assert len(texts) == (len(close) if axes.get_xlabel() else 0)
-        boxes = [text.get_window_extent() for text in texts]
-        middles = [np.array([box.x0 + box.x1, box.y0 + box.y1]) / 2 for box in boxes]
-        size = 8.5 * figure.dpi / 72  # of the font, in pixels
-        for one, other in combinations(middles, 2):
-            assert np.linalg.norm(one - other) > 0.99 * size
-
-
-@pytest.mark.parametrize("m", (2, 3, 6))
-def test_a_printed_figure_has_its_width_and_readable_text(m):
-    labels = {0: "best run", 100: "knee"}
-    with mpl.rc_context(figures.STYLES["paper"]):
-        figure = figures.front_figure(wide(m), "", 3.5, labels)
-        assert figure.get_figwidth() == 3.5
-        assert {"best run", "knee", "A", "B"} <= drawn(figure)
-        texts = figure.findobj(lambda artist: hasattr(artist, "get_fontsize"))
-        assert min(text.get_fontsize() for text in texts if text.get_text()) >= 7
+        apart(figures.front_figure(scaled))
+        apart(figures.fronts_figure({"a": scaled, "b": scaled}))
+        apart(figures.returns_figure(scaled))
+        apart(figures.parallel_figure(scaled))
+    apart(figures.hypervolume_figure({"one": history((0, 0), (1.2e8, 3e18))}, False))
 
 
 def test_representatives_are_the_extremes_the_knee_and_the_balanced_policy():
