@@ -29,8 +29,7 @@ MARKERS = "osD^vP<*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
 MOST_MIXED = 3  # objectives whose colors a trade-off mixes
-LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches, of letters of FONT_SIZE
-FONT_SIZE = 10.0  # points
+LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches
 OUTLYING = (0.01, 0.99)  # quantiles between which the bulk of the values lies
 BULK = 0.7  # share of the range, below which an axis leaves out values beyond the bulk
 # journals require embedded TrueType fonts (type 42); the salt makes SVG files reproducible
@@ -163,8 +162,7 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
         return
     location: Any = f"outside {side}"
     letters = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
-    columns = int(figure.get_figwidth() / letters * FONT_SIZE / mpl.rcParams["font.size"])
-    columns = 1 if "right" in side else max(1, columns)
+    columns = 1 if "right" in side else max(1, int(figure.get_figwidth() / letters))
     figure.legend(
         [*names.values()], [*names], loc=location, title=title, frameon=False, ncols=columns
     )
@@ -179,9 +177,9 @@ def weight(objective: str) -> str:
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = FORMATS) -> None:
-    """Write stem.png, stem.pdf, stem.svg, ...; a failed write leaves the previous file intact."""
+    """Write stem.png and stem.pdf; a failed write leaves the previous file intact."""
     for ending in formats:
-        dates = {"png": {}, "svg": {"Date": None}}.get(ending, {"CreationDate": None})
+        dates = {} if ending == "png" else {"CreationDate": None}
         with mpl.rc_context(FILES), replacing(stem.with_name(f"{stem.name}.{ending}")) as file:
             figure.savefig(file, format=ending, dpi=150, metadata=dates)
 
