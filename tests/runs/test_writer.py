@@ -188,7 +188,6 @@ def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
 def planned(
     progress: Progress,
     iteration: int = 0,
-    times: tuple | None = None,
     device: str = "cpu",
     **limits: Any,
 ) -> Schedule:
@@ -203,7 +202,7 @@ def planned(
         steps_per_iteration=100,
         env_steps=100 * iteration,
     )
-    return Schedule(cast(Any, learner), progress, evaluate_at=times)
+    return Schedule(cast(Any, learner), progress)
 
 
 def test_evaluations_are_spaced_by_their_cost():
