@@ -298,7 +298,7 @@ def test_the_page_looks_back_on_training_and_follows_it_without_a_reload(visit, 
     scrubber = view.tab.get_by_role("slider", name="Training", exact=True)
     scrubber.focus()
     scrubber.press("ArrowLeft")
-    said = "after 10 s of training, 1k steps: hypervolume 6k"
+    said = "10 s, 1k steps: hypervolume 6k"
     view.until(lambda: view.text("moment-told") == said, "the scrubber has no effect")
     assert scrubber.get_attribute("aria-valuetext") == said
     past = view.tab.locator("#front .looks-back g circle:not(.mark)")

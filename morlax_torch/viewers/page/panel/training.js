@@ -47,7 +47,7 @@ export class TrainingPanel {
     const at = Math.min(this.asked ?? this.present, moments.length - 1);
     if (!isNews(this, at, moments.length, moments.at(-1).numbers, this.began !== null)) return;
     const [steps, seconds, hypervolume] = moments[at].numbers;
-    const text = `after ${short(seconds)} s of training, ${short(steps)} steps: hypervolume ${short(hypervolume)}`;
+    const text = `${short(seconds)} s, ${short(steps)} steps: hypervolume ${short(hypervolume)}`;
     $("grow").textContent = this.began === null ? "play" : "stop";
     Object.assign($("moment"), { max: moments.length - 1, value: at, ariaValueText: text });
     $("moment").style.setProperty("--share", at / (moments.length - 1));
