@@ -17,7 +17,7 @@ RUN apt-get update \
 
 ARG TORCH="torch==2.13.0"
 RUN pip install --no-cache-dir $TORCH
-RUN --mount=type=bind,target=/src,rw pip install --no-cache-dir '/src[explore,video,onnx,tune]'
+RUN --mount=type=bind,target=/src,rw pip install --no-cache-dir '/src[explore,video,onnx,optuna]'
 
 ARG USER_ID=1000
 RUN useradd --create-home --uid "$USER_ID" morlax && install -d -o morlax /workspace /workspace/runs /workspace/cache

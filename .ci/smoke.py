@@ -15,11 +15,23 @@ TINY = (
     *("--device", "cpu", "--worlds", "8", "--horizon", "4", "--sampling.clusters", "4"),
     *("--ppo.minibatches", "1", "--evaluation.tradeoffs", "4", "--task.episode-length", "20"),
 )
+ROBOT = """
+<mujoco>
+  <worldbody>
+    <body name="arm">
+      <joint name="shoulder"/>
+      <geom size="0.02" fromto="0 0 0 0.3 0 0"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder"/>
+  </actuator>
+</mujoco>
+"""
 LINES = {
+    "new": ("arm.xml",),
     "train": ("--env", "cheetah", *TINY, "--max-env-steps", "64", "--output", "run"),
-    "tune": ("--env", "hopper", *TINY, "--trials", "1", "--seconds", "1", "--output", "tuning"),
     "evaluate": ("run", "--device", "cpu"),
-    "figures": ("run", "--output", "paper"),
     "choose": ("run", "--maximize", "energy"),
     "design": ("bodies", "--bodies", "4", "--tradeoffs", "2", "--rounds", "1", "--population", "4"),
     "record": ("run", "--output", "strip.png", "--seconds", "0.1", "--pictures", "2"),
@@ -31,8 +43,9 @@ BODIES = (
     *("--max-env-steps", "64", "--output", "bodies"),
 )
 WRITTEN = {
-    *("run/front.npz", "tuning/best.yaml", "run/report.html", "strip.png", "run/policy.onnx"),
-    *("small/front.npz", "paper/front.pdf", "paper/indicators.tex"),
+    "arm.py",
+    *("run/front.npz", "run/report.html", "strip.png", "run/policy.onnx"),
+    "small/front.npz",
     "bodies/designs/body.xml",
 }
 
@@ -42,6 +55,7 @@ def main() -> None:
     assert {*LINES, "explore", "play"} == set(COMMANDS), "a command is not tried"
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
+        Path("arm.xml").write_text(ROBOT)
         for name, arguments in [("train", BODIES), *LINES.items()]:
             subprocess.run([sys.executable, "-m", "morlax_torch", name, *arguments], check=True)
         for path in WRITTEN:

@@ -29,7 +29,6 @@ from morlax_torch.evaluation.style import RUNS, blank
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import load
 
-SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
 # The trade-offs of the paper's three policies, in the order of the task's objectives, and two
 # trade-offs that differ only in the weights of the arm objectives.
 CHOSEN = {
@@ -185,7 +184,6 @@ def main(
         np.zeros(len(first.policy.objectives)),
     )
     pictures = {
-        "space": figures.spaces_figure(front, SPACES),
         "pairs": figures.front_figure(front),
         "commands": commands_figure(first),
     }

@@ -26,6 +26,7 @@ row with its error.
 """
 
 import csv
+import gc
 import math
 import os
 import tempfile
@@ -51,7 +52,6 @@ from morlax_torch.configuration.files import merged, read_yaml
 from morlax_torch.envs.errors import explained, words
 from morlax_torch.evaluation.evaluator import make_evaluator
 from morlax_torch.evaluation.front import Front
-from morlax_torch.host.resources import release_memory
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.progress import Evaluation
@@ -281,6 +281,13 @@ def append(path: Path, rows: Sequence[dict[str, Any]]) -> None:
             writer.writeheader()
         for row in rows:
             writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
+
+
+def release_memory() -> None:
+    """Free the memory of learners that are no longer referenced: worlds, graphs and networks."""
+    gc.collect()  # a learner refers to itself
+    if torch.cuda.is_available():
+        torch.cuda.empty_cache()
 
 
 if __name__ == "__main__":

@@ -239,9 +239,11 @@ def objectives_figure(runs: Runs, numbers: Sequence[int]) -> Figure:
             speed.plot([number] * len(rates), rates, "o", color=color, ms=4, label=method)
             shares = [float(run.best["obedience"]) for run in of_method]
             obeyed.plot([number] * len(shares), shares, "o", color=color, ms=4)
-    speed.set(xlabel="objectives", ylabel="million steps per second", ylim=(0, None))
-    obeyed.set(xlabel="objectives", ylabel="trade-offs that are obeyed, share", ylim=(0, 1))
+    speed.set(xlabel="objectives", ylabel="million steps per second")
+    speed.set_ylim(0, 1.1 * speed.get_ylim()[1])
+    obeyed.set(xlabel="objectives", ylabel="share of trade-offs obeyed", ylim=(0, 1))
     for axes in (speed, obeyed):
+        axes.set_xticks(numbers)
         axes.spines[["top", "right"]].set_visible(False)
     handles, labels = speed.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))

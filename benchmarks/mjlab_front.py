@@ -59,7 +59,8 @@ def main(
         peer = mjlab_peer.load_peer(task, file, str(target))
         walks = walk(peer, config, tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
-        axes.scatter(*walks.front.quantities[0, [ERROR, POWER]], s=70, marker="*", label=file.stem)
+        label = f"{file.stem}, one policy"
+        axes.scatter(*walks.front.quantities[0, [ERROR, POWER]], s=70, marker="*", label=label)
         better = [
             run.name
             for run, front in zip(runs, fronts, strict=True)

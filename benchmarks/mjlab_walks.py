@@ -30,13 +30,12 @@ class Walks(NamedTuple):
         return 1000 * self.front.falls / self.front.lengths
 
     def told(self, index: int | None) -> tuple[list[float], dict[str, str]]:
-        """Return the trade-off, the quantities and the falls of a policy (None: nothing)."""
+        """Return the trade-off and the quantities of a policy (None: nothing)."""
         if index is None:
             return [], {}
-        numbers = *self.front.quantities[index], self.falls[index]
-        names = *self.front.quantity_names, "falls per 1,000 steps"
-        found = {name: f"{number:.3g}" for name, number in zip(names, numbers, strict=True)}
-        return self.front.tradeoffs[index].round(2).tolist(), found
+        named = zip(self.front.quantity_names, self.front.quantities[index], strict=True)
+        quantities = {name: f"{number:.3g}" for name, number in named}
+        return self.front.tradeoffs[index].round(2).tolist(), quantities
 
 
 def walk(agent: Any, config: Config, tradeoffs: int, episodes: int, seed: int) -> Walks:

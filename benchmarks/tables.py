@@ -262,8 +262,13 @@ def mjlab() -> str:
     for place, weights in ((4, "default weights"), (5, "tracking weights")):
         (row,) = read("mjlab-go1-outside-h200.csv", what=f"{theirs}, {weights}")
         worlds, seconds = int(row["worlds"]), row["train_seconds"]
-        name = f"mjlab's Go1 with our {worlds:,} worlds, {weights}, {seconds} s, H200"
-        lines.insert(place, walk(name, [row], ("velocity_error_m_s", "speed_share", "power_W")))
+        name = f"mjlab's Go1, {worlds:,} worlds, {weights}, {seconds} s, H200"
+        line = walk(name, [row], ("velocity_error_m_s", "speed_share", "power_W"))
+        lines.insert(place, line)
+    repeats = read("pareto-go1-h200.csv", policy="own weights")
+    plain = walk("", [row for row in repeats if row["run"].startswith("plain PPO")])
+    name = f"{lines[4][0]}, seeds 0, 200, 201"
+    lines[4] = [name, *map(", ".join, zip(lines[4][1:], plain[1:], strict=True))]
     head = ["", "error of the velocity, m/s", "speed, share of the commanded", "power, W"]
     return markdown(head, lines)
 

@@ -18,14 +18,13 @@ from morlax_torch.viewers.filming.recording import record
 
 DOCS = Path(__file__).parent
 RESULTS = DOCS.parent / "benchmarks" / "results"
-SPACES = (("swing", "joints", "smooth"), ("rigid", "energy", "base"))
 HEADING = "## Shipped policies\n"
 ABOUT = """
 The package ships one hypernetwork each for ant, bruce, cheetah, cheetah3, hopper, humanoid and
 walker, and a [Go1 and a G1 of mjlab](mjlab.md). Commands accept a name in place of a run, and
-`morlax_torch.load("ant")` loads one. Each front shows the returns of 512 trade-offs, each strip the
-last gait cycle under every objective alone and under all equally. `docs/gallery.py` writes this
-section.
+`morlax_torch.load("ant")` loads one. Each front shows the returns of 512 trade-offs, each strip a
+row for every objective alone and one for all equally, in equal steps of time. `docs/gallery.py`
+writes this section.
 """
 TASK = """
 ### {name}: {objectives}
@@ -36,9 +35,9 @@ Hypervolume {volume:.3e}, trained on {device} for {steps:.1f} M environment step
 {command}
 ```
 
-![Front of {name}, {objectives}, colored by trade-off](gallery/{name}-front.png)
+![Front of {name}](gallery/{name}-front.png)
 
-![Film strip of {name}: one row per trade-off, time from left to right](gallery/{name}-strip.png)
+![Film strip of {name}](gallery/{name}-strip.png)
 """
 
 
@@ -53,7 +52,7 @@ def command(config: Config) -> str:
             name = f"{prefix}{key.replace('_', '-')}"
             if isinstance(value, dict) and prefix == "":
                 compare(value, defaults[key], f"{name}.")
-            elif value == defaults[key] or name in ("device", "backend"):
+            elif value == defaults[key] or name in ("device", "backend", "target"):
                 continue
             elif isinstance(value, bool):
                 options.append(f"--{name}" if value else f"--{prefix}no-{name[len(prefix) :]}")
@@ -74,8 +73,6 @@ def examples() -> None:
             figures.save(draw(front, name), DOCS / "figures" / f"{kind}-{m}", ("png",))
     parallel = figures.parallel_figure(found["bruce"], "bruce")
     figures.save(parallel, DOCS / "figures" / "parallel", ("png",))
-    spaces = figures.spaces_figure(found["bruce"], SPACES, "bruce")
-    figures.save(spaces, DOCS / "figures" / "bruce-space", ("png",))
     flat = found["cheetah3"]
     flat = flat._replace(
         objectives=flat.objectives[:2],
@@ -85,22 +82,23 @@ def examples() -> None:
     )
     both = {"cheetah": found["cheetah"], "cheetah3, without its height": flat}
     figures.save(figures.fronts_figure(both, "two families"), DOCS / "figures" / "fronts", ("png",))
-    curves = figures.hypervolume_figure(seeds("hopper"), "hopper, three seeds")
+    curves = figures.hypervolume_figure(seeds("hopper"), True, "hopper, three seeds")
     figures.save(curves, DOCS / "figures" / "hypervolume", ("png",))
 
 
-def seeds(task: str) -> list[History]:
-    """Return MORLAX's training curves of version 1.0's comparison, one per seed."""
-    with (RESULTS / "comparison" / "version-1.0" / "more-seeds.csv").open(newline="") as file:
+def seeds(task: str) -> dict[str, History]:
+    """Return MORLAX's training curves of the comparison by seed."""
+    with (RESULTS / "comparison-h100.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
-    rows = [row for row in found if (row["task"], row["method"]) == (task, "MORLAX")]
+    kinds = ("task", "method", "evaluation"), (task, "MORLAX", "training")
+    rows = [row for row in found if tuple(map(row.get, kinds[0])) == kinds[1]]
     names = ("env_steps", "train_seconds", "hypervolume")
-    return [
-        History(
+    return {
+        k: History(
             *(np.array([float(row[name]) for row in rows if row["seed"] == k]) for name in names)
         )
         for k in sorted({row["seed"] for row in rows})
-    ]
+    }
 
 
 def shrink(path: Path) -> None:

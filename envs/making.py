@@ -29,8 +29,8 @@ def make(
 
     Args:
         name: one of `names()`, "FILE.py:CLASS" for your own task, "gymnasium:ID" for any
-            environment in Gymnasium's registry with a vector reward, "mjlab:TASK" for any task in
-            mjlab's registry, or "playground:TASK" for any task of MuJoCo Playground.
+            environment in Gymnasium's registry with a vector reward, or "mjlab:TASK" for any task
+            in mjlab's registry.
         num_worlds: N.
         device: "cuda", "cpu", "cuda:1", ...; None selects CUDA if there is a GPU.
         backend: "warp" (MuJoCo Warp), "mujoco" (C MuJoCo; CPU only) or None (chosen by device).

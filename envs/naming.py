@@ -8,7 +8,6 @@ from .errors import MorlaxError, shortened, user_code
 GROUP = "morlax_torch.envs"  # of installed packages' entry points
 GYMNASIUM = "gymnasium:"  # before an id of Gymnasium's registry
 MJLAB = "mjlab:"  # before a task of mjlab's registry
-PLAYGROUND = "playground:"  # before a task of MuJoCo Playground's registry
 _TRUSTED: set[str] = set()
 
 
@@ -50,7 +49,7 @@ def runs_code(name: str) -> bool:
     """Return whether importing the task `name` runs code that its user chose."""
     return is_file(name) or any(
         name.startswith(prefix) and ":" in name.removeprefix(prefix)
-        for prefix in (GYMNASIUM, MJLAB, PLAYGROUND)
+        for prefix in (GYMNASIUM, MJLAB)
     )
 
 

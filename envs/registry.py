@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from .errors import MorlaxError, unknown
-from .naming import GYMNASIUM, MJLAB, PLAYGROUND, is_file, offered, trust
+from .naming import GYMNASIUM, MJLAB, is_file, offered, trust
 from .robots import TASKS
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 _LIBRARIES = {  # prefix of their names: what returns the class of a task
     GYMNASIUM: "bridges.gymnasium:from_id",
     MJLAB: "bridges.mjlab.worlds:from_task",
-    PLAYGROUND: "bridges.playground:from_task",
 }
 _REGISTRY: dict[str, "type[Worlds]"] = {}  # built-in tasks once they are used, and registered ones
 NAMESPACE = "morlax_torch"  # of the tasks' ids in Gymnasium's registry

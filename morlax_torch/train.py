@@ -24,12 +24,14 @@ def train(
     critic: nn.Module | None = None,
     *,
     on_evaluation: Callable[[Evaluation], None] | None = None,
+    on_metrics: Callable[[dict[str, float], int], object] | None = None,
 ) -> Run:
     """Train until a limit of `config` is reached; returns the run.
 
     It prints nothing and installs no signal handlers, so it works in threads, notebooks and
-    tuners. An exception from `on_evaluation` ends training; the run can be resumed. Started by
-    `torchrun`, all processes train together, and the first one writes the run.
+    tuners. An exception from a callback ends training; the run can be resumed. Started by
+    `torchrun`, all processes train together, and the first one writes the run; each calls its own
+    callbacks.
 
     Args:
         config: every number of the run.
@@ -38,7 +40,8 @@ def train(
         actor: replaces the config's actor, see `MORLAX`.
         critic: replaces the config's critic, see `MORLAX`.
         on_evaluation: called with each evaluation once it is written; training may be ahead of it.
-            Of several processes, each calls its own.
+        on_metrics: called with new points of TensorBoard's curves, by tag, and environment steps,
+            as `mlflow.log_metrics` is. Steps fall back where training was ahead of an evaluation.
 
     Raises:
         MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
@@ -48,8 +51,10 @@ def train(
 
     began = time.perf_counter()
     session = Session.of(config, run, output, actor, critic)
+    session.on_metrics = on_metrics or session.on_metrics
     with closing(session.training(began)) as evaluations:
         for evaluation in evaluations:
+            session.on_metrics(evaluation.scalars, evaluation.env_steps)
             if on_evaluation is not None:
                 on_evaluation(evaluation)
     assert session.run is not None

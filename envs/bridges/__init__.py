@@ -1,1 +1,1 @@
-"""Worlds of Gymnasium, mjlab, Playground and vectorized environments."""
+"""Worlds of Gymnasium, mjlab and vectorized environments."""

@@ -40,6 +40,8 @@ class Section(BaseModel):
         extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False
     )
 
+    vast: ClassVar[tuple[str, ...]] = ()  # options that may be larger than LARGEST
+
     @model_validator(mode="before")
     @classmethod
     def _without_former(cls, values: Any, info: ValidationInfo) -> Any:
@@ -58,11 +60,11 @@ class Section(BaseModel):
 
     @field_validator("*")
     @classmethod
-    def _moderate(cls, value: object) -> object:
+    def _moderate(cls, value: object, info: ValidationInfo) -> object:
         if isinstance(value, dict | tuple | list):
             for part in value.values() if isinstance(value, dict) else value:
-                cls._moderate(part)
-        elif isinstance(value, float) and abs(value) > LARGEST:
+                cls._moderate(part, info)
+        elif isinstance(value, float) and abs(value) > LARGEST and info.field_name not in cls.vast:
             raise ValueError(f"{value:g} is too large: use at most {LARGEST:g} in size")
         return value
 

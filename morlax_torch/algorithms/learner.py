@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from functools import partial
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -79,6 +80,9 @@ class Learner(ABC):
     """Environment steps of an iteration, in all processes."""
     env_steps: int
     """Environment steps learned from so far, in all processes."""
+    rates: np.ndarray | None = None
+    """Mean rewards per control step of each trade-off in training, and its share of steps that
+    failed: (K, m + 1), as `metrics` found them last; None until an episode has ended."""
 
     def __init__(self, env: Worlds, config: Config, agent: Agent, group: Group):
         if env.num_worlds != config.worlds:
@@ -102,7 +106,8 @@ class Learner(ABC):
         self.observation = env.critic_observation().clone()  # (N, O + P)
         self._done = self.tradeoffs.new_zeros(())  # of `iterate`, readable by graphs
         self._episodes = Episodes(config.worlds, m, device)
-        self._rewards = self.tradeoffs.new_zeros(m + 1)  # and terminations, summed over iterations
+        # means of an iteration, and terminations, summed over iterations
+        self._rewards = self.tradeoffs.new_zeros(config.num_clusters, m + 1)
         self._iterations = 0  # that metrics are sums over
         self._sums = [self._episodes.totals, self._rewards]  # that metrics are computed from
         # further state by name, updated in place: of all processes, and of this one alone
@@ -169,8 +174,8 @@ class Learner(ABC):
     def _count(self, rollout: Rollout) -> None:
         """Add a rollout to the sums of metrics. Runs inside a recorded graph."""
         self._episodes.observe(rollout)
-        terminated = rollout.terminated.float().mean()[None]
-        self._rewards += torch.cat([rollout.reward.mean((0, 1, 2)), terminated])
+        terminated = rollout.terminated.float().mean((0, 2))[:, None]
+        self._rewards += torch.cat([rollout.reward.mean((0, 2)), terminated], -1)
 
     def metrics(self) -> dict[str, float]:
         """Return means over the iterations since the last call, and over all processes.
@@ -181,13 +186,17 @@ class Learner(ABC):
         """
         env, group = self.env, self.group
         means = {**self._means(), "blowups": env.blowups.float()}
+        rates, totals = self._rewards / max(1, self._iterations), self._episodes.totals
         # one copy to the CPU, since each waits for the GPU
-        sums = group.mean_(torch.stack([*means.values(), *self._episodes.totals]))
+        sums = group.mean_(torch.cat([rates.flatten(), torch.stack([*means.values(), *totals])]))
         overflow = group.largest_(env.overflow().max().float()[None])
         *values, largest = torch.cat([sums, overflow]).tolist()
+        found, values = values[: rates.numel()], values[rates.numel() :]
         metrics = dict(zip(means, values, strict=False))
         metrics["blowups"] *= group.size
         *totals, number = values[len(means) :]
+        if number or self.rates is not None:  # before, it is unknown how long episodes last
+            self.rates = np.reshape(found, rates.shape)
         if number:
             names = [*(f"episode_return/{name}" for name in env.objectives), "episode_length"]
             metrics |= {name: x / number for name, x in zip(names, totals, strict=True)}
@@ -197,7 +206,7 @@ class Learner(ABC):
     def _means(self) -> dict[str, Tensor]:
         """Return metrics () of this process, means over the iterations since the last call."""
         names = [*(f"mean_reward/{name}" for name in self.env.objectives), "terminated"]
-        return dict(zip(names, self._rewards / max(1, self._iterations), strict=True))
+        return dict(zip(names, self._rewards.mean(0) / max(1, self._iterations), strict=True))
 
     def _restart_metrics(self) -> None:
         self._iterations = 0

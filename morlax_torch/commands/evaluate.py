@@ -24,8 +24,8 @@ class Evaluate(OfRuns):
 
     Says how good the front is and what to do next. Writes each run's front (front.npz, front.csv),
     figures (png and pdf), indicators.csv and report.html, a self-contained file. Several runs are
-    compared: one figure overlays their fronts, and summary.csv has the median and quartiles of each
-    indicator.
+    compared: one figure overlays their fronts. If they differ only in their seeds, summary.csv has
+    the median and quartiles of each indicator.
     """
 
     tradeoffs: int | None = None

@@ -37,8 +37,8 @@ class Record(OfRun):
     height: int = 360
     """Height of a panel, in pixels."""
     pictures: int = 8
-    """Number of pictures per row of a film strip, evenly spaced over the robot's last gait cycle
-    (the last two if a cycle has fewer control steps than pictures)."""
+    """Number of pictures per row of a film strip, at equal steps of time in all rows, over the
+    longest gait cycle (two if a cycle has fewer control steps than pictures)."""
     seed: int = 0
     """Random seed of the world."""
     sweep: bool = False

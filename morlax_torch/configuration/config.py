@@ -32,14 +32,17 @@ from .sections import (
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
 DRAFT = "draft"  # context in which values are not checked together
-MAY_CHANGE = ("max_env_steps", "max_seconds", "device", "backend", "evaluation")  # on resume
+# on resume
+MAY_CHANGE = ("max_env_steps", "max_seconds", "target", "device", "backend", "evaluation")
 
 
 class Config(Section):
     """A training run."""
 
+    vast = ("target",)
+
     env: Annotated[str, pydantic.AfterValidator(absolute)]
-    """The task: a name of docs/tasks.md, mjlab:TASK, playground:TASK, a registered name,
+    """The task: a name of docs/tasks.md, mjlab:TASK, a registered name,
     FILE.py:CLASS for your own, or gymnasium:ID for a Gymnasium environment with a vector reward."""
     algorithm: Algorithm = "morlax"
     """What learns the front: MORLAX, hyper-sac (few steps), or a baseline of docs/algorithms.md."""
@@ -69,6 +72,8 @@ class Config(Section):
     max_seconds: PositiveFloat | None = None
     """Stop after this much training time, without compiling and evaluating, in seconds. With
     decay_fraction, runs then depend on how fast the machine is."""
+    target: PositiveFloat | None = None
+    """Hypervolume to reach: a line beside the curve in TensorBoard (None: no line)."""
     decay_fraction: float = Field(default=0.0, ge=0, le=1)
     """Share of the run, at its end, over which learning rates, desired KL, entropy bonus and
     observation normalizer updates decay linearly to zero. Until then they stay constant, as in
@@ -103,6 +108,14 @@ class Config(Section):
     @property
     def ends(self) -> bool:
         return self.max_env_steps is not None or self.max_seconds is not None
+
+    @property
+    def fitting_target(self) -> float | None:
+        """The target: a user's, or the task's unless returns are counted in another way."""
+        names = changed(self.model_dump(mode="json"))
+        options = {name.split(".")[1] for name in names if name.startswith("task.")}
+        other = options - {*self.task.training_only} or self.evaluation.protocol == "discounted"
+        return None if other and "target" not in names else self.target
 
     @property
     def num_clusters(self) -> int:

@@ -86,13 +86,6 @@ def over_task_values(env: str, changes: dict[str, Any], device_type: str) -> dic
     return merged(values, changes)
 
 
-def space_values(path: AnyPath | None, device_type: str) -> dict[str, Any]:
-    """Return a YAML file's search space for "cuda" or "cpu"; without a file the default one."""
-    if path is None:
-        return _packaged("tuning/space", device_type)
-    return _fitted(read_yaml(path, "space", "ppo.epochs: [3, 4]"), device_type)
-
-
 def algorithm_of(values: dict[str, Any]) -> str:
     return str(values.get("algorithm", "morlax"))
 

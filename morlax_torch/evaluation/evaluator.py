@@ -17,12 +17,14 @@ from ..gpu.group import ALONE, Group
 from ..host.phases import phase
 from ..host.resources import one_thread
 from ..networks.agent import Agent
+from . import pareto
 from .front import Front
 
 DISCOUNT, HORIZON, REFERENCE = 0.99, 500, -100.0  # of the protocol "discounted"
 SETS = 2  # of episodes where a task is random: one is reported, one chooses checkpoints
 HELD_OUT = 2**62  # seed of the designs to evaluate with, which no training has
 DRAWN_TRADEOFFS = 1024  # of the paper's tables, and of D3PO's
+ESTIMATED = 32  # trade-offs of an estimate, the corners among them; more would take too long
 STEPS_PER_GRAPH = 5  # at most: more need fewer launches, but take longer to record
 
 
@@ -131,6 +133,18 @@ class Evaluator:
         self._generate()
         self._run()
         return self._fronts()
+
+    def estimate(self, rates: np.ndarray) -> float:
+        """Estimate the hypervolume roughly from training, without an episode.
+
+        `rates` (K, m + 1) are mean rewards per control step of some trade-offs, and the share of
+        steps that failed. A return adds them up until an episode ends, or fails at that rate.
+        """
+        rates = rates[-(ESTIMATED if rates.shape[1] < 10 else pareto.EXACT_POINTS_OF_MORE) :]
+        lasting = (1 - rates[:, -1:]) * (DISCOUNT if self._discounted else 1.0)
+        lost = np.maximum(1 - lasting, 1e-9)  # of a step's weight, from each to the next
+        steps = (1 - (1 - lost) ** self._horizon) / lost
+        return pareto.hypervolume(rates[:, :-1] * steps, self.reference_point)
 
     @property
     def period(self) -> float:

@@ -4,8 +4,6 @@ Each function returns a matplotlib figure. `save` writes it to files, `pixels` r
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle
-from string import ascii_uppercase
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,6 @@ from numpy.typing import NDArray
 from . import style
 from .front import Front
 from .pareto import conflicting_pairs
-from .style import STYLES as STYLES
 from .style import pixels as pixels
 from .style import save as save
 
@@ -28,40 +25,31 @@ MOST_PAIRS = 6  # projections in a figure
 MOST_LINES = 30  # policies in a figure of parallel coordinates
 COLUMNS = 3
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])  # of the simplex in the plot
-SIZE, PRINTED_SIZE = 14, 6  # of a point, in square points
+SIZE = 14  # of a point, in square points
 SCALES = (("env_steps", "environment steps"), ("train_seconds", "training time (s)"))
 
 
-def front_figure(
-    front: Front,
-    title: str = "",
-    width: float | None = None,
-    labels: Mapping[int, str] | None = None,
-) -> Figure:
+def front_figure(front: Front, title: str = "") -> Figure:
     """Plot the returns of every trade-off, colored by trade-off; dominated returns are gray.
 
     Two objectives give one plot. Three give the front in 3D and its three projections; more give
-    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most. `labels`
-    mark policies, by index, with letters that the legend explains. `width` is in inches (None: as
-    wide as the plots need on a screen).
+    one projection per pair of objectives, of at most MOST_PAIRS pairs that conflict most.
     """
-    names, m, labels = front.shown, len(front.objectives), labels or {}
-    size = SIZE if width is None else PRINTED_SIZE
+    names, m = front.shown, len(front.objectives)
     pairs = conflicting_pairs(front.returns[front.non_dominated], MOST_PAIRS)
     all_pairs = m * (m - 1) // 2
     if len(pairs) < all_pairs:
         title += f"{': ' if title else ''}the {len(pairs)} of {all_pairs} pairs that conflict most"
-    if m == 3 and width is None:  # a plot in 3D is hard to read in print
+    if m == 3:
         figure = style.blank(10.2, 8.2, title)
         grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1])
-        _space(figure.add_subplot(grid[0, :], projection="3d"), front, front.objectives)
+        _space(figure.add_subplot(grid[0, :], projection="3d"), front)
         plots = [figure.add_subplot(grid[1, column]) for column in range(3)]
     else:
         plot, room = ((5.4, 4.2), 0.0) if m == 2 else ((3.4, 3.3), 0.8)
-        entries = len(labels) + (1 if m == 2 else 1 + m)
-        figure, plots = style.panels(len(pairs), COLUMNS, plot, title, room, width, entries)
+        figure, plots = style.panels(len(pairs), COLUMNS, plot, title, room)
     for axes, pair in zip(plots, pairs, strict=True):
-        _pair(axes, front, pair, size, labels)
+        _pair(axes, front, pair)
     if m == 2:
         colors = LinearSegmentedColormap.from_list("between", style.of_objectives(2)[::-1])
         shade = ScalarMappable(Normalize(0, 1), colors)
@@ -77,20 +65,16 @@ def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes,
     (pair,) = conflicting_pairs(front.returns[front.non_dominated])
     figure = style.blank(width, height, "")
     axes = figure.add_subplot()
-    _pair(axes, front, pair, SIZE, {})
+    _pair(axes, front, pair)
     return figure, axes, pair
 
 
-def _pair(
-    axes: Axes, front: Front, pair: tuple[int, int], size: float, labels: Mapping[int, str]
-) -> None:
+def _pair(axes: Axes, front: Front, pair: tuple[int, int]) -> None:
     best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     x, y = front.returns[:, pair].T
     _label(axes, front.shown, pair)
-    style.points(axes, x, y, best, size, colors, front.fails)
+    style.points(axes, x, y, best, SIZE, colors, front.fails)
     style.fit(axes, x, y)
-    for name, (index, text) in zip(cycle(ascii_uppercase), labels.items(), strict=False):
-        style.letter(axes, name, text, front.returns[index, pair])
 
 
 def _label(axes: Axes, names: Sequence[str], pair: tuple[int, int]) -> None:
@@ -141,9 +125,7 @@ def shown_lines(front: Front) -> NDArray[np.intp]:
     return np.union1d(chosen, best[even])
 
 
-def fronts_figure(
-    fronts: Mapping[str, Front], title: str = "", width: float | None = None
-) -> Figure:
+def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
     """Overlay the fronts of several families, with one plot per pair of objectives.
 
     Of many pairs, only the MOST_PAIRS that conflict most in the first front are shown.
@@ -154,8 +136,7 @@ def fronts_figure(
     best = {name: front.returns[front.non_dominated] for name, front in fronts.items()}
     names, joined = next(iter(fronts.values())).shown, np.concatenate([*best.values()])
     pairs = conflicting_pairs(next(iter(best.values())), MOST_PAIRS)
-    plot, entries = (4.2, 3.9), len(fronts)
-    figure, plots = style.panels(len(pairs), COLUMNS, plot, title, width=width, entries=entries)
+    figure, plots = style.panels(len(pairs), COLUMNS, (4.2, 3.9), title)
     for axes, pair in zip(plots, pairs, strict=True):
         for (name, returns), look in zip(best.items(), style.distinct(len(best)), strict=True):
             line: dict[str, Any] = {"lw": 0.8, "ms": 3.5, "alpha": 0.8, **look}
@@ -171,29 +152,17 @@ def fronts_figure(
     return figure
 
 
-def spaces_figure(front: Front, triples: Sequence[Sequence[str]], title: str = "") -> Figure:
-    """Plot triples of objectives in 3D, in colors that mix those of the three by weight."""
-    figure = style.blank(6.0 * len(triples), 5.6, title)
-    for cell, triple in enumerate(triples, start=1):
-        _space(figure.add_subplot(1, len(triples), cell, projection="3d"), front, triple)
-    style.color_key(figure.axes[0], front.shown, "weight on")
-    style.legend_outside(figure)
-    return figure
-
-
-def _space(axes: Any, front: Front, names: Sequence[str]) -> None:
-    """Plot three objectives of the policies, without those beyond the limits of the axes."""
-    columns = [front.objectives.index(name) for name in names]
-    shown = front.non_dominated if len(front.objectives) == 3 else slice(None)
-    returns, weights = front.returns[shown][:, columns], front.tradeoffs[shown][:, columns] + 1e-9
+def _space(axes: Any, front: Front) -> None:
+    """Plot the front of three objectives, without policies beyond the limits of the axes."""
+    returns = front.returns[front.non_dominated]
     bounds = [style.limits(column) for column in returns.T]
     low, high = np.transpose(bounds)
     kept = ((returns >= low) & (returns <= high)).all(1)
-    colors = style.mixed(weights[kept], columns)
+    colors = style.colors_of(front.tradeoffs[front.non_dominated][kept])
     axes.scatter(*returns[kept].T, s=16, c=colors, depthshade=False)
     axes.set(xlim=bounds[0], ylim=bounds[1], zlim=bounds[2])
-    for axis, k in zip("xyz", columns, strict=True):
-        getattr(axes, f"set_{axis}label")(style.returned(front.shown[k]), labelpad=10)
+    for axis, name in zip("xyz", front.shown, strict=True):
+        getattr(axes, f"set_{axis}label")(style.returned(name), labelpad=10)
         getattr(axes, f"{axis}axis").set_major_formatter(style.short)
     axes.locator_params(nbins=5)
     axes.view_init(elev=25, azim=45)
@@ -291,20 +260,21 @@ def _maps(front: Front, title: str) -> Figure:
     return figure
 
 
-def hypervolume_figure(
-    histories: Sequence[Any], title: str = "", width: float | None = None
-) -> Figure:
+def hypervolume_figure(histories: Mapping[str, Any], repeated: bool, title: str = "") -> Figure:
     """Plot hypervolume against environment steps and against training seconds.
 
-    Several runs are thin lines, overlaid with their median and interquartile range. Each is a
-    `runs.progress.History`.
+    Each `runs.progress.History` is a line with its name. Those of one training `repeated` with
+    other seeds are thin lines instead, overlaid with their median and interquartile range.
     """
-    figure, plots = style.panels(2, 2, (4.5, 3.7), title, width=width)
+    figure, plots = style.panels(2, 2, (4.5, 3.7), title)
     for axes, (name, label) in zip(plots, SCALES, strict=True):
-        curves = [(getattr(history, name), history.hypervolume) for history in histories]
+        curves = [(getattr(history, name), history.hypervolume) for history in histories.values()]
         style.lattice(axes, label)
-        if len(curves) == 1:
-            axes.plot(*curves[0], color=style.INK, marker="o", ms=3.5)
+        if not repeated:
+            for run, curve, look in zip(
+                histories, curves, style.distinct(len(curves)), strict=True
+            ):
+                axes.plot(*curve, **look, lw=1, ms=3.5, label=run)
             continue
         for k, curve in enumerate(curves):
             axes.plot(*curve, color="0.55", lw=0.7, label="" if k else "single run")
@@ -316,7 +286,7 @@ def hypervolume_figure(
     plots[1].tick_params(labelleft=False)
     plots[0].set_ylabel("hypervolume")
     if len(histories) > 1:
-        plots[1].legend(loc="lower right")
+        style.legend_outside(figure)
     return figure
 
 

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import AutoLocator, EngFormatter
 from numpy.typing import NDArray
 
@@ -30,21 +29,7 @@ MARKERS = "osD^vP<*"
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 FORMATS = ("png", "pdf")
 MOST_MIXED = 3  # objectives whose colors a trade-off mixes
-LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches, of letters of FONT_SIZE
-FONT_SIZE = 10.0  # points
-NARROWEST, PRINTED_ENTRY, PRINTED_LINE = 1.7, 1.8, 0.17  # inches of a plot and in a legend
-PRINTED_HEIGHT = 0.85  # of a plot, as a share of its width
-STYLES: dict[str, Any] = {
-    "screen": {},
-    "paper": {  # no text is smaller than 7 points
-        "font.size": 8.5,
-        "xtick.labelsize": 7.5,
-        "ytick.labelsize": 7.5,
-        "legend.fontsize": 7.5,
-        "legend.labelspacing": 0.2,
-        "axes.linewidth": 0.6,
-    },
-}
+LEGEND_MARK, LEGEND_LETTER = 0.7, 0.09  # inches
 OUTLYING = (0.01, 0.99)  # quantiles between which the bulk of the values lies
 BULK = 0.7  # share of the range, below which an axis leaves out values beyond the bulk
 # journals require embedded TrueType fonts (type 42); the salt makes SVG files reproducible
@@ -74,19 +59,11 @@ def panels(
     size: tuple[float, float],
     title: str,
     room: float = 0.0,
-    width: float | None = None,
-    entries: int = 0,
 ) -> tuple[Figure, list[Axes]]:
-    """Create a figure of so many plots of a size, and `room` beside them, in inches.
-
-    To print, the figure has a `width` instead, and room for the entries of a legend.
-    """
-    columns = min(number, columns if width is None else max(1, int(width / NARROWEST)))
-    if width is not None:
-        size = width / columns, PRINTED_HEIGHT * width / columns
-        room = PRINTED_LINE * math.ceil(entries / max(1, int(width / PRINTED_ENTRY)))
+    """Create a figure of so many plots of a size, and `room` beside them, in inches."""
+    columns = min(number, columns)
     rows = math.ceil(number / columns)
-    figure = blank(width or size[0] * columns, size[1] * rows + room, title)
+    figure = blank(size[0] * columns, size[1] * rows + room, title)
     return figure, [figure.add_subplot(rows, columns, cell + 1) for cell in range(number)]
 
 
@@ -126,14 +103,6 @@ def note(axes: Axes, text: str, point: Any, above: bool = True, **style: Any) ->
     axes.annotate(text, tuple(point), (0, offset), **style)
 
 
-def letter(axes: Axes, name: str, text: str, point: NDArray) -> None:
-    """Mark a point with a letter, which the legend explains by a text."""
-    axes.scatter([], [], s=30, marker=f"${name}$", color="black", lw=0.3, label=text)
-    axes.scatter(*point, s=30, facecolor="none", edgecolor="black", linewidth=0.9, zorder=3)
-    halo = [withStroke(linewidth=2, foreground="white")]
-    note(axes, name, point, fontweight="bold", path_effects=halo)
-
-
 def of_objectives(m: int) -> list[str]:
     """Return a color for each objective, as #rrggbb."""
     return [PALETTE[i % len(PALETTE)] for i in range(m)]
@@ -153,12 +122,8 @@ def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
     objective with the largest weight gives its own.
     """
     m = tradeoffs.shape[1]
-    return mixed(tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)], range(m))
-
-
-def mixed(weights: NDArray, objectives: Sequence[int]) -> NDArray[np.float64]:
-    """Mix the colors of objectives, by index, by weights (K, m): (K, 3)."""
-    palette = [to_rgb(PALETTE[k % len(PALETTE)]) for k in objectives]
+    weights = tradeoffs if m <= MOST_MIXED else np.eye(m)[tradeoffs.argmax(1)]
+    palette = [to_rgb(color) for color in of_objectives(m)]
     return weights / weights.sum(1, keepdims=True) @ palette
 
 
@@ -197,8 +162,7 @@ def legend_outside(figure: Figure, side: str = "lower center", title: str | None
         return
     location: Any = f"outside {side}"
     letters = LEGEND_MARK + LEGEND_LETTER * max(map(len, names))
-    columns = int(figure.get_figwidth() / letters * FONT_SIZE / mpl.rcParams["font.size"])
-    columns = 1 if "right" in side else max(1, columns)
+    columns = 1 if "right" in side else max(1, int(figure.get_figwidth() / letters))
     figure.legend(
         [*names.values()], [*names], loc=location, title=title, frameon=False, ncols=columns
     )
@@ -213,9 +177,9 @@ def weight(objective: str) -> str:
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = FORMATS) -> None:
-    """Write stem.png, stem.pdf, stem.svg, ...; a failed write leaves the previous file intact."""
+    """Write stem.png and stem.pdf; a failed write leaves the previous file intact."""
     for ending in formats:
-        dates = {"png": {}, "svg": {"Date": None}}.get(ending, {"CreationDate": None})
+        dates = {} if ending == "png" else {"CreationDate": None}
         with mpl.rc_context(FILES), replacing(stem.with_name(f"{stem.name}.{ending}")) as file:
             figure.savefig(file, format=ending, dpi=150, metadata=dates)
 

@@ -8,13 +8,14 @@ import os
 import secrets
 import shutil
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
 from ..envs import MorlaxError
 
 AnyPath = str | os.PathLike[str]
+RUNS = Path("runs")  # where training writes
 
 
 @contextmanager
@@ -128,3 +129,21 @@ def unused(path: Path) -> Path:
     while candidate.exists():
         candidate, number = path.with_name(f"{path.name}-{number}"), number + 1
     return candidate
+
+
+def newest_runs(folder: Path) -> list[Path]:
+    """Return the runs in `folder` or one level deeper that have a checkpoint, the newest first."""
+    times: dict[Path, float] = {}
+    for file in (*folder.glob("*/checkpoints/*.pt"), *folder.glob("*/*/checkpoints/*.pt")):
+        with suppress(OSError):  # deleted meanwhile, or not readable
+            run = file.parent.parent
+            times[run] = max(times.get(run, 0.0), file.stat().st_mtime)
+    return sorted(times, key=times.__getitem__, reverse=True)
+
+
+def task_of(run: Path) -> str:
+    """Return the task that a run's config.yaml names, or "" if opening the run would say why."""
+    with suppress(OSError, UnicodeDecodeError), (run / "config.yaml").open() as config:
+        line = next((line for line in config if line.startswith("env:")), "")
+        return line.removeprefix("env:").strip(" \n'\"")
+    return ""

@@ -1,6 +1,5 @@
-"""CPU threads of torch, and memory: a lack of it, and giving it back."""
+"""CPU threads of torch, and a lack of memory."""
 
-import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -70,10 +69,3 @@ def _left_by_limits(root: Path) -> Iterator[int]:
                 lines = stat.read_text().splitlines() if stat.exists() else []
                 counts = dict(line.split() for line in lines)
                 yield max(0, left + int(counts.get(cached, 0)))
-
-
-def release_memory() -> None:
-    """Free the memory of learners that are no longer referenced: worlds, graphs and networks."""
-    gc.collect()  # a learner refers to itself
-    if torch.cuda.is_available():
-        torch.cuda.empty_cache()

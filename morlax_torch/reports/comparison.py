@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..configuration.config import flat
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError
 from ..envs.naming import movable
@@ -17,6 +18,8 @@ from ..runs.hardware import Machine
 from ..runs.loading import find_run
 from ..runs.progress import History
 
+# options in which repeated runs may differ; their task is the same, wherever its file lies
+FREE = {"env", "seed", "device", "backend", "target", "evaluation.every"}
 BUFFERS = {"nconmax", "njmax"}  # task options that do not change returns
 
 
@@ -59,6 +62,10 @@ def history_of(run: AnyPath) -> History | None:
     return History.load(curve) if curve.is_file() else None
 
 
+def histories(runs: Mapping[str, Evaluated]) -> dict[str, History]:
+    return {name: run.history for name, run in runs.items() if run.history is not None}
+
+
 def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None = None) -> Protocol:
     """Return the protocol by which the returns of policies, given by name, can be compared.
 
@@ -87,6 +94,14 @@ def _options(policy: Policy, protocol: Protocol | None) -> dict[str, Any]:
         **{f"task.{name}": value for name, value in task.items()},
         "evaluation.protocol": protocol or config.evaluation.protocol,
     }
+
+
+def repeated(runs: Mapping[str, Evaluated]) -> bool:
+    """Return whether runs of one task differ only in their seeds, so that they have a median."""
+    first, *others = (flat(run.policy.config.model_dump()) for run in runs.values())
+    differing = {name for other in others for name in other if other[name] != first.get(name)}
+    seeds = {first["seed"], *(other["seed"] for other in others)}
+    return differing <= FREE and 1 < len(seeds) == len(runs)
 
 
 def union(fronts: Sequence[Front]) -> np.ndarray:

@@ -23,7 +23,7 @@ from . import comparison
 from .comparison import Evaluated
 from .page import indicator_cells, words, write
 
-MOST_COLUMNS = 3  # runs shown in the terminal; the files list all of them, and quartiles
+MOST_COLUMNS = 3  # repeated runs shown in the terminal; the files list all of them, and quartiles
 
 
 def evaluate_runs(
@@ -127,13 +127,14 @@ def reference_front(
 
 
 def table(evaluations: Mapping[str, Evaluated]) -> Table:
-    """Return the indicators as a table for the terminal: of a few runs, or of all together."""
+    """Return the indicators as a table for the terminal: of each run, or of many repeats in all."""
     number = len(evaluations)
-    heads = [*evaluations, f"median of {number}", "quartiles"]
-    columns = slice(number + (number > 1)) if number <= MOST_COLUMNS else slice(number, None)
+    heads, several = [*evaluations], comparison.repeated(evaluations)
+    heads += [f"median of {number}", "quartiles"] * several
+    columns = slice(number + several) if number <= MOST_COLUMNS else slice(number * several, None)
     table = Table("indicator", box=box.SIMPLE_HEAD)
     for head in heads[columns]:
         table.add_column(head, justify="right", overflow="fold")
-    for name, cells in indicator_cells(list(evaluations.values())).items():
+    for name, cells in indicator_cells(evaluations).items():
         table.add_row(words(name), *cells[columns])
     return table

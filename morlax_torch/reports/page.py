@@ -2,7 +2,6 @@
 
 import base64
 import io
-import math
 import re
 from collections.abc import Mapping, Sequence
 from datetime import timedelta
@@ -18,22 +17,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ..configuration.files import write_yaml
-from ..envs.naming import movable, title
+from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front, hypervolume_in, representatives
 from ..evaluation.requirements import Choice
 from ..evaluation.style import FALLS, FILES, NON_DOMINATED, of_objectives
 from ..host.files import make_folder, write_file, write_rows
 from ..runs.choosing import CONDITIONS, Trial
-from ..runs.loading import load, load_front
 from . import comparison
-from .comparison import Evaluated, Quartiles, quartiles
+from .comparison import Evaluated, quartiles
 from .verdict import verdict_of
 
 MOST_NAMES = 4  # in a title
-VECTORS = ("pdf", "svg")
-WIDTHS = {"paper": 3.5, "screen": None}  # in inches; None: as wide as the plots need
-Row = tuple[str, str]  # task and algorithm
 
 
 def number(value: float) -> str:
@@ -176,8 +171,9 @@ def write(
     drawn: list[tuple[str, Figure]] = []
     fronts: dict[str, Figure] = {}
     runs, several = list(evaluations.values()), len(evaluations) > 1
+    repeated = comparison.repeated(evaluations)
     task = title(runs[0].policy.config.env)
-    histories = [run.history for run in runs if run.history is not None]
+    histories = comparison.histories(evaluations)
     protocols = {run.policy.config.evaluation.protocol for run in runs}
 
     def save(path: Path, caption: str, figure: Figure) -> None:
@@ -190,7 +186,7 @@ def write(
         caption = "Fronts of all runs, without policies dominated within their own run."
         save(folder / "fronts", caption, overlaid)
     if histories and len(protocols) == 1:
-        curves = figures.hypervolume_figure(histories, task)
+        curves = figures.hypervolume_figure(histories, repeated, task)
         save(folder / "hypervolume", "Hypervolume during training.", curves)
     for name, run in evaluations.items():
         subfolder, heading = folder / name if several else folder, f"{task}: {name}"
@@ -206,7 +202,7 @@ def write(
         config = run.policy.config
         rows.append([*map(cell, (name, run.path, config.env)), config.seed, *run.measures.values()])
     write_rows(folder / "indicators.csv", rows)
-    if several:
+    if repeated:
         heads = ["indicator", "lower_quartile", "median", "upper_quartile", "runs"]
         summary = quartiles([run.measures for run in runs])
         quarters = ([name, *three, len(runs)] for name, three in summary.items())
@@ -227,16 +223,17 @@ def write(
         training=training,
         settings=dict.fromkeys(name for texts in training.values() for name in texts),
         portrait=portrait,
-        indicators=indicator_cells(runs),
+        repeated=repeated,
+        indicators=indicator_cells(evaluations),
     )
     write_file(folder / "report.html", report)
 
 
-def indicator_cells(runs: Sequence[Evaluated]) -> dict[str, list[str]]:
-    """Return the values of each indicator, of several runs with the median and quartiles."""
-    measured = [run.measures for run in runs]
+def indicator_cells(runs: Mapping[str, Evaluated]) -> dict[str, list[str]]:
+    """Return the values of each indicator, of repeated runs with the median and quartiles."""
+    measured = [run.measures for run in runs.values()]
     cells = {name: [number(values[name]) for values in measured] for name in measured[0]}
-    if len(runs) > 1:
+    if comparison.repeated(runs):
         for name, values in quartiles(measured).items():
             low, median, high = map(number, values)
             cells[name] += [median, f"{low} - {high}"]
@@ -274,82 +271,3 @@ def front_rows(front: Front) -> list[list]:
 def cell(name: str) -> str:
     """Quote a name that a spreadsheet would run as a formula."""
     return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r")) else name
-
-
-def write_figures(
-    runs: Sequence[str], folder: Path, style: str = "paper", width: float | None = None
-) -> None:
-    """Write the figures of runs as .pdf and .svg, and indicators.tex.
-
-    Each run has a figure of its front, in a subfolder if there are several runs; each task has one
-    that overlays its fronts, and each algorithm of a task one of the hypervolume. `style` is a name
-    of `figures.STYLES`, `width` in inches (None: that of the style).
-    """
-    width = WIDTHS[style] if width is None else width
-    evaluations = {
-        name: Evaluated(run, load(run), load_front(run), comparison.history_of(run), {})
-        for name, run in zip(comparison.names(runs), runs, strict=True)
-    }
-    rows: dict[Row, dict[str, Evaluated]] = {}
-    tasks: dict[str, dict[str, Evaluated]] = {}
-    for name, run in evaluations.items():
-        task, algorithm = movable(run.policy.config.env), run.policy.config.algorithm
-        rows.setdefault((task, algorithm), {})[name] = run
-        tasks.setdefault(task, {})[name] = run
-    for group in tasks.values():
-        comparison.check_comparable({name: run.policy for name, run in group.items()})
-    make_folder(folder)
-
-    def save(figure: Figure, stem: str) -> None:
-        figures.save(figure, folder / re.sub(r"[^\w.-]+", "-", stem), VECTORS)
-
-    with mpl.rc_context(figures.STYLES[style]):
-        for name, run in evaluations.items():
-            subfolder = folder / name if len(evaluations) > 1 else folder
-            make_folder(subfolder)
-            drawn = figures.front_figure(run.front, "", width, representatives(run.front))
-            figures.save(drawn, subfolder / "front", VECTORS)
-        for task, group in tasks.items():
-            if len(group) > 1:
-                fronts = {f"{r.policy.config.algorithm}, {n}": r.front for n, r in group.items()}
-                save(figures.fronts_figure(fronts, "", width), f"fronts-{title(task)}")
-        for (task, algorithm), group in rows.items():
-            histories = [run.history for run in group.values() if run.history is not None]
-            if histories:
-                drawn = figures.hypervolume_figure(histories, "", width)
-                save(drawn, f"hypervolume-{title(task)}-{algorithm}")
-    write_file(folder / "indicators.tex", latex(rows))
-
-
-def latex(rows: Mapping[Row, Mapping[str, Evaluated]]) -> str:
-    """Return the table of indicators: the median and quartiles over the runs of each row."""
-    measured: dict[Row, dict[str, Quartiles]] = {}
-    for row, group in rows.items():
-        rivals = [runs for other, runs in rows.items() if other[0] == row[0]]
-        fronts = [run.front for runs in rivals for run in runs.values()]
-        target = comparison.union(fronts) if len(fronts) > 1 else None  # of IGD+
-        indicators = [run.front.indicators(target) for run in group.values()]
-        measured[row] = quartiles(indicators)
-    names = list(dict.fromkeys(name for values in measured.values() for name in values))
-    lines = []
-    for (task, algorithm), group in rows.items():
-        seeds = sorted(run.policy.config.seed for run in group.values())
-        texts = title(task), algorithm, ", ".join(map(str, seeds))
-        values = measured[task, algorithm]
-        cells = [_cell(values[name], len(group)) if name in values else "--" for name in names]
-        lines.append([*map(_escaped, texts), *cells])
-    heads = [_escaped(words(name)) for name in names]
-    return rendered("indicators.tex", names=heads, rows=lines)
-
-
-def _escaped(text: str) -> str:
-    return re.sub(r"[&%$#_{}]", r"\\\g<0>", text)
-
-
-def _cell(values: Quartiles, runs: int) -> str:
-    """Return three digits of the median, with the quartiles of several runs, and one exponent."""
-    size = math.floor(math.log10(abs(values[1]))) if values[1] else 0
-    exponent = size if size >= 4 or size <= -3 else 0
-    low, median, high = (f"{v / 10**exponent:.{max(0, 2 - size + exponent)}f}" for v in values)
-    text = f"{median}\\ [{low}, {high}]" if runs > 1 else median
-    return f"${text} \\times 10^{{{exponent}}}$" if exponent else f"${text}$"

@@ -19,7 +19,6 @@ CPUS = Path("/proc/cpuinfo")
 PACKAGES = {  # by `Worlds.simulator`; others have the simulator's name
     "C MuJoCo": "mujoco",
     "MuJoCo Warp": "mujoco-warp",
-    "MuJoCo Playground": "playground",
 }
 
 

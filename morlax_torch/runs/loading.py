@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from ..envs.errors import LONGEST, line, unknown
 from ..envs.worlds.options import PLAIN_NAME
 from ..evaluation.evaluator import make_evaluator
 from ..evaluation.front import Front
-from ..host.files import AnyPath, making, read, write_file
+from ..host.files import RUNS, AnyPath, making, newest_runs, read, write_file
 from ..networks.agent import Agent, Sizes
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
@@ -29,21 +28,11 @@ from . import checkpoint, hardware, references
 from .checkpoint import POLICY, Task
 from .progress import read_rows
 
-RUNS, SHIPPED = Path("runs"), Path(__file__).parent.parent / "shipped"
+SHIPPED = Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
 CRITIC = ("critic.", "value_normalizer.")
 BOOKMARKS = "bookmarks.yaml"  # which people can edit: "calm: [0.2, 0.8]"
 PLAIN: Any = {"default_flow_style": None, "sort_keys": False}  # a line for each bookmark
-
-
-def newest_runs(folder: Path) -> list[Path]:
-    """Return the runs in `folder` or one level deeper that have a checkpoint, the newest first."""
-    times: dict[Path, float] = {}
-    for file in (*folder.glob("*/checkpoints/*.pt"), *folder.glob("*/*/checkpoints/*.pt")):
-        with suppress(OSError):  # deleted meanwhile, or not readable
-            run = file.parent.parent
-            times[run] = max(times.get(run, 0.0), file.stat().st_mtime)
-    return sorted(times, key=times.__getitem__, reverse=True)
 
 
 def named_run(run: AnyPath) -> Path:

@@ -40,6 +40,17 @@ class Evaluation(NamedTuple):
         return self.indicators[hypervolume_in(self.indicators)]
 
     @property
+    def scalars(self) -> dict[str, float]:
+        """The values by TensorBoard's tag; it shows tags by their names, the hypervolume first."""
+        volume = hypervolume_in(self.indicators)
+        return {
+            f"front/{volume}": self.hypervolume,
+            **{f"indicators/{k}": value for k, value in self.indicators.items() if k != volume},
+            "time/train_seconds": self.train_seconds,
+            "time/total_seconds": self.total_seconds,
+        }
+
+    @property
     def measured(self) -> dict[str, float]:
         """The indicators that checkpoints, trials and so on are chosen by."""
         return self.indicators if self.selection is None else self.selection
@@ -77,6 +88,8 @@ class Progress(BaseModel):
     best_hypervolume: float = 0.0  # of best.pt, as reported
     best_selection: float | None = None  # on the episodes that choose; None: the next one is best
     evaluated: bool = True  # whether metrics.csv has the row of the checkpoint
+    # hypervolumes estimated while training, since the command began
+    estimates: list[float] = Field(default_factory=list, exclude=True)
 
     def improved(self, selection: float, hypervolume: float) -> bool:
         """Store the hypervolumes of an evaluation; returns whether it is the best so far."""

@@ -241,14 +241,14 @@ class Run:
     def has_evaluation(self, iteration: int) -> bool:
         return any(int(row["iteration"]) == iteration for row in self._rows)
 
-    def log_metrics(self, metrics: Mapping[str, float], env_steps: int) -> None:
+    def log_scalars(self, scalars: Mapping[str, float], env_steps: int) -> None:
         with attempting(self._writing):
-            for name, value in metrics.items():
-                self._events.add_scalar(f"train/{name}", value, env_steps)
+            for tag, value in scalars.items():
+                self._events.add_scalar(tag, value, env_steps)
 
-    def log_evaluation(self, evaluation: Evaluation, task: str) -> None:
+    def log_evaluation(self, evaluation: Evaluation, config: Config) -> None:
         with attempting(self._writing):
-            self._write_events(evaluation, task)
+            self._write_events(evaluation, config)
         self._rows.append(evaluation.row())
         self._write_rows()
 
@@ -269,27 +269,24 @@ class Run:
             lines = (self.folder / file).read_text().splitlines()
             tag, text = file.removesuffix(".yaml"), "\n".join(f"    {line}" for line in lines)
             writer.add_text(tag, text)
+        writer.add_custom_scalars({"front": {"hypervolume": ["Multiline", ["front/"]]}})
         return writer
 
-    def _write_events(self, evaluation: Evaluation, task: str) -> None:
+    def _write_events(self, evaluation: Evaluation, config: Config) -> None:
         """Write an evaluation to TensorBoard. docs/training.md lists the tags."""
         steps, number = evaluation.env_steps, len(self._rows)
-        curves = {
-            **{f"front/{name}": value for name, value in evaluation.indicators.items()},
-            "time/train_seconds": evaluation.train_seconds,
-            "time/total_seconds": evaluation.total_seconds,
-        }
         if number == 0:
-            self._log_hyperparameters(curves)
-        for tag, value in curves.items():
-            self._events.add_scalar(tag, value, steps)
+            self._log_hyperparameters(evaluation.scalars)
+        self.log_scalars(evaluation.scalars, steps)
+        if target := config.fitting_target:
+            self.log_scalars({"front/hypervolume_target": target}, steps)
         if milestone(number):
             from ..evaluation import figures  # matplotlib loads slowly
 
-            name = f"{title(task)} after {steps / 1e6:.1f} M steps"
+            name = f"{title(config.env)} after {steps / 1e6:.1f} M steps"
             for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
                 image = figures.pixels(draw(evaluation.front, name))
-                self._events.add_image(f"figures/{tag}", image, steps, dataformats="HWC")
+                self._events.add_image(f"views/{tag}", image, steps, dataformats="HWC")
         self._events.flush()
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:

@@ -3,7 +3,7 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -35,7 +35,8 @@ UNSTABLE = (
 )
 TRAINING = "training"  # the phase
 MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
-REPORT_EVERY = 10  # iterations between reads of the metrics, each of which waits for the GPU
+# iterations between reads of the metrics, each of which waits for the GPU, and seconds, at most
+REPORT_EVERY, REPORT_SECONDS = 10, 1.0
 EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are spaced by their cost
 MEASURED = {"env_steps", "train_seconds", "total_seconds", "steps_per_second", "blowups"}
 HYPERVOLUMES = {"hypervolume", "best_hypervolume", "best_selection"}  # of `Progress`, as MEASURED
@@ -51,6 +52,7 @@ class Session:
     evaluator: Evaluator
     run: Run | None = None
     progress: Progress = field(default_factory=Progress)  # of a resumed run; updated in place
+    on_metrics: Callable[[dict[str, float], int], object] = lambda scalars, env_steps: None
 
     @classmethod
     def of(
@@ -60,10 +62,8 @@ class Session:
         output: AnyPath | None = None,
         actor: nn.Module | None = None,
         critic: nn.Module | None = None,
-        *,
-        written: bool = True,
     ) -> Self:
-        """Make worlds, learner, evaluator and, if `written`, a run; see `morlax_torch.train`."""
+        """Make worlds, learner, evaluator and a run; see `morlax_torch.train`."""
         device, group = join(config.device, config.model_dump_json())
         config = config.model_copy(update={"device": device})
         if not group.first(run is not None):
@@ -80,14 +80,13 @@ class Session:
             return cls(learner, evaluator, run, run.restore(learner))
         if config.start_from is not None:
             start_from(config.start_from, learner)
-        return cls(learner, evaluator, Run.create(learner, output) if written else None)
+        return cls(learner, evaluator, Run.create(learner, output))
 
     def training(
         self,
         began: float | None = None,
         *,
         stopped: Callable[[], bool] = lambda: False,
-        evaluate_at: Sequence[float] | None = None,
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the learner's config, and yield each evaluation.
 
@@ -97,14 +96,13 @@ class Session:
         time.
 
         `total_seconds` count from `began`, a value of `time.perf_counter()`. After each iteration,
-        `stopped` is asked whether to stop. `evaluate_at` are training seconds at which to evaluate,
-        instead of the config's interval.
+        `stopped` is asked whether to stop.
         """
         learner, group, progress = self.learner, self.learner.group, self.progress
         run = self._output
         began = (time.perf_counter() if began is None else began) - progress.total_seconds
         progress.processes, progress.launch = group.size, launch()
-        schedule = Schedule(learner, progress, evaluate_at)
+        schedule = Schedule(learner, progress)
         # worlds that start anew count their blow-ups from zero
         earlier = progress.blowups - sum(group.gather(int(learner.env.blowups)))
         resumed = group.first(run is not None and run.has_evaluation(learner.iteration))
@@ -171,9 +169,14 @@ class Session:
         progress.steps_per_second = iterations * learner.steps_per_iteration / elapsed
         rollouts = learner.config.worlds * learner.group.size * iterations
         self._check(metrics, first, all_blew_up=progress.blowups - blowups >= rollouts)
+        metrics["env_steps_per_second"] = progress.steps_per_second
+        scalars = {f"train/{name}": value for name, value in metrics.items()}
+        if learner.rates is not None:
+            progress.estimates.append(self.evaluator.estimate(learner.rates))
+            scalars["front/hypervolume_estimate"] = progress.estimates[-1]
+        self.on_metrics(scalars, learner.env_steps)
         if self._output:
-            metrics["env_steps_per_second"] = progress.steps_per_second
-            writer.put(partial(self._output.log_metrics, metrics, learner.env_steps))
+            writer.put(partial(self._output.log_scalars, scalars, learner.env_steps))
 
     def _evaluate(self, began: float) -> Job:
         """Evaluate, copy the learner's state, and return a job that measures and writes both."""
@@ -207,7 +210,7 @@ class Session:
             best = progress.improved(evaluation.selection_hypervolume, evaluation.hypervolume)
             evaluation = evaluation._replace(best=best)
             if run:
-                run.log_evaluation(evaluation, learner.config.env)
+                run.log_evaluation(evaluation, learner.config)
                 hypervolumes = progress.model_dump(include=HYPERVOLUMES)
                 run.save(contents, now.model_copy(update=hypervolumes), evaluation)
             return evaluation
@@ -251,19 +254,17 @@ def bodies(config: Config) -> int:  # that evaluations have
 class Schedule:
     """The limits of a learner's config, in iterations and seconds.
 
-    Evaluations come at the training seconds `evaluate_at`, else at the config's interval, else so
-    that they take about EVALUATION_SHARE of the training loop's time. `progress` is read live.
+    Evaluations come at the config's interval, else so that they take about EVALUATION_SHARE of the
+    training loop's time. `progress` is read live.
     """
 
-    def __init__(
-        self, learner: Learner, progress: Progress, evaluate_at: Sequence[float] | None = None
-    ):
+    def __init__(self, learner: Learner, progress: Progress):
         config, env = learner.config, learner.env
-        self._learner, self._progress, self._evaluate_at = learner, progress, evaluate_at
+        self._learner, self._progress = learner, progress
         self._max_env_steps = config.max_env_steps or math.inf
         self._max_seconds = config.max_seconds or math.inf
         self._interval: int | None = None  # iterations between evaluations; None: seconds decide
-        if config.evaluation.every is not None and evaluate_at is None:
+        if config.evaluation.every is not None:
             self._interval = max(1, config.evaluation.every // learner.steps_per_iteration)
         self._next_second = progress.train_seconds
         self._expects_cost = env.device.type == "cuda" and not env.recordable
@@ -280,7 +281,7 @@ class Schedule:
     def evaluation_due(self) -> bool:
         if self._interval is not None:
             return self._learner.iteration % self._interval == 0
-        if self._expects_cost and self._evaluate_at is None:
+        if self._expects_cost:
             if not self.pace():
                 return False
             self._expects_cost = False
@@ -291,20 +292,15 @@ class Schedule:
     def evaluated(self, cost: float) -> None:
         """Plan the next evaluation, after one that kept training waiting for `cost` seconds."""
         now = self._progress.train_seconds
-        if self._evaluate_at is None:
-            self._next_second = now + (1 / EVALUATION_SHARE - 1) * cost
-        else:
-            later = (second for second in self._evaluate_at if second > now)
-            self._next_second = min(later, default=math.inf)
+        self._next_second = now + (1 / EVALUATION_SHARE - 1) * cost
 
     def iterations(self) -> int:
         """Return how many iterations may pass until the next look at limits and metrics."""
-        count, seconds = min(REPORT_EVERY, self._iterations_left()), self.seconds()
+        count = min(REPORT_EVERY, self._iterations_left())
         if self._interval is not None:
             count = min(count, self._interval - self._learner.iteration % self._interval)
-        if (pace := self.pace()) and seconds < math.inf:
-            # a GPU is too far behind to watch the clock instead
-            count = min(count, max(1, math.ceil(seconds / pace)))
+        if pace := self.pace():  # a GPU is too far behind to watch the clock instead
+            count = min(count, max(1, math.ceil(self.seconds() / pace)))
         return int(count)
 
     def pace(self) -> float:
@@ -316,7 +312,7 @@ class Schedule:
         """Return how many seconds of training may pass until the next look."""
         end = self._max_seconds
         end = end if self._interval is not None else min(end, self._next_second)
-        return end - self._progress.train_seconds
+        return min(REPORT_SECONDS, end - self._progress.train_seconds)
 
     def _iterations_left(self) -> float:
         left = (self._max_env_steps - self._learner.env_steps) / self._learner.steps_per_iteration

@@ -21,7 +21,7 @@ from ..host.phases import phase
 from ..networks.policy import Policy
 from ..runs.loading import save
 from ..runs.references import copy_files
-from .study import FloatDistribution, TrialState, evolution, generation
+from .evolution import FloatDistribution, TrialState, evolution, generation
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together
 

@@ -12,7 +12,7 @@ from ..evaluation.requirements import Requirements, index_of
 from ..host.phases import within
 from ..networks.policy import Policy
 from ..runs.choosing import RANDOM_MARGIN, rounded, simulator
-from .study import FloatDistribution, evolution, generation
+from .evolution import FloatDistribution, evolution, generation
 
 POPULATION = 64  # trade-offs over time that are simulated together
 ROUNDS = {"constant": 4, "over time": 20}  # generations, after the policies of the front

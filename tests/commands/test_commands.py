@@ -198,7 +198,7 @@ def test_trade_offs_are_counted_before_a_task_is_imported(module, workplace, ref
     file = workplace / "policy.pt"
     save(load("hopper"), file)
     contents = torch.load(file)
-    contents["config"]["env"] = "playground:missing_module:Task"
+    contents["config"]["env"] = "mjlab:missing_module:Task"
     torch.save(contents, file)
     words = "needs 2 numbers (run, jump), but the shape is (3,)"
     assert words in refused(module, file, "--tradeoff", "0.5,0.5,1")

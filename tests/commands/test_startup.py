@@ -53,6 +53,11 @@ def test_importing_the_package_imports_nothing_heavy(tmp_path):
     assert not imported(done) & HEAVY
 
 
+def test_the_first_commands_import_nothing_heavy(tmp_path):
+    done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch")
+    assert not imported(done) & HEAVY
+
+
 def test_help_imports_nothing_heavy(tmp_path):
     code = (
         "import sys\n"

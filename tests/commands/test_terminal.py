@@ -2,7 +2,9 @@
 
 import io
 import sys
-from typing import Any
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 import torch
@@ -13,12 +15,13 @@ from tiny import tiny
 
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
-from morlax_torch.commands import tune
 from morlax_torch.commands.terminal import arguments, cli, display
 from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.configuration.config import Config, config_class, flat
 from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.host.phases import phase, within
+from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.training import TRAINING
 from morlax_torch.train import train
 
 COLUMNS = 80
@@ -116,6 +119,25 @@ def test_the_output_of_training_fits(workplace, monkeypatch):
     assert any(line.startswith("done: 128 steps") for line in lines)
 
 
+def test_a_curve_is_drawn_where_a_terminal_has_its_blocks(monkeypatch):
+    estimates = [1.0, 2.0, 4.0, 8.0]
+
+    def curve(number: int, encoding: str = "utf-8", terminal: bool = True) -> str:
+        file = io.TextIOWrapper(io.BytesIO(), encoding)
+        console = Console(file=file, force_terminal=terminal, legacy_windows=False)
+        monkeypatch.setattr(display, "console", console)
+        progress = Progress(env_steps=1, steps_per_second=1.0, estimates=estimates[:number])
+        learner = SimpleNamespace(config=tiny())
+        shown = display.Display(cast(Any, learner), Path("run"), progress)
+        return shown.describe(TRAINING, 0.5).partition("\n")[2]
+
+    assert curve(4) == "▁▂▄█ hypervolume, estimated in training"
+    assert curve(1) == curve(4, "ascii") == curve(4, terminal=False) == ""
+    estimates = [float(x) for x in range(1000)]
+    long = curve(1000).split()[0]
+    assert len(long) == 24 and long[0] == "▁" and long[-1] == "█" and sorted(long) == [*long]
+
+
 def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):
     for terminal in (True, False):
         output = io.StringIO()
@@ -140,7 +162,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
-    models = [arguments.Train, tune.Tune]
+    models = [arguments.Train]
     models += [config_class(env, name) for name in ALGORITHMS]
     for model in models:
         assert not undescribed(model)

@@ -31,8 +31,12 @@ def test_a_robot_that_stands_or_stumbles_has_no_cycle():
 
 
 def test_pictures_show_the_last_cycle_or_two():
-    assert moments(swing(40), DT, 9) == list(range(359, 400, 5))
-    twice = moments(swing(12), DT, 17)  # too few steps for 17 pictures
+    assert moments([swing(40)], DT, 9) == [[*range(359, 400, 5)]]
+    (twice,) = moments([swing(12)], DT, 17)  # too few steps for 17 pictures
     assert twice[-1] == 399 and twice[-1] - twice[0] == 24
-    assert moments(np.zeros((400, 2)), DT, 5) == [299, 324, 349, 374, 399]  # one second
-    assert moments(np.zeros((3, 2)), DT, 2) == [0, 2]
+    still = np.zeros((400, 2))
+    assert moments([still], DT, 5) == [[299, 324, 349, 374, 399]]  # one second
+    assert moments([np.zeros((3, 2))], DT, 2) == [[0, 2]]
+    fallen = swing(40)[:21]
+    rows = moments([swing(40), swing(20), still, fallen], DT, 9)
+    assert rows == [[*range(359, 400, 5)]] * 3 + [[0, 5, 10, 15, 20, 20, 20, 20, 20]]

@@ -301,7 +301,7 @@ def test_a_run_with_designs_is_loaded_and_saved(tmp_path):
 def test_every_body_starts_with_the_policies_of_a_run_with_one(tmp_path):
     one = train(small(**{"sampling.designs": 0}), output=tmp_path / "one")
     config = small(start_from=str(one.folder))
-    many = Session.of(config, written=False).learner.agent
+    many = Session.of(config, output=tmp_path / "many").learner.agent
     policy = morlax_torch.load(one.folder / "checkpoints/best.pt")
     seen = torch.randn(1, 4, policy.agent.observation_size)
     for context in ([-1.0, 1.0], [0.3, 0.2]):

@@ -5,15 +5,13 @@ from collections.abc import Callable
 
 import pytest
 
-from morlax_torch.commands import evaluate, explore, export, figures, pack, record, tune
+from morlax_torch.commands import evaluate, explore, export, pack, record
 from morlax_torch.commands import train as train_command
 
 LONG = "a" * 5000
 COMMANDS = {
     "evaluate": (evaluate, ("{}", "--device", "cpu")),
     "evaluate reference": (evaluate, ("cheetah", "--device", "cpu", "--reference", "{}.npz")),
-    "figures": (figures, ("{}",)),
-    "figures output": (figures, ("cheetah", "--output", "{}")),
     "record": (record, ("{}",)),
     "export": (export, ("{}",)),
     "explore": (explore, ("{}", "--port", "0")),
@@ -23,8 +21,6 @@ COMMANDS = {
     "resume": (train_command, ("--resume", "{}")),
     "config": (train_command, ("--config", "{}")),
     "output": (train_command, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
-    "space": (tune, ("--env", "cheetah", "--device", "cpu", "--space", "{}")),
-    "tune output": (tune, ("--env", "cheetah", "--device", "cpu", "--output", "{}")),
     "robot": (train_command, ("--env", "{}.py:Robot")),
 }
 

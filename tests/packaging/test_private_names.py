@@ -17,7 +17,6 @@ import torch
 import warp as wp
 
 from morlax_torch import __file__ as package
-from morlax_torch.envs.bridges import playground
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = (Path(package).parent, ROOT / "envs")
@@ -155,16 +154,6 @@ def yaw() -> None:
     torch.testing.assert_close(sensor._extract_yaw_rotation(turned), turned)
 
 
-@private("mujoco_playground", "_mjx_model", "_impl")
-def models() -> None:
-    env = playground.registry().load("CartpoleBalance", config_overrides={"impl": "jax"})
-    from mujoco.mjx.warp.types import OptionWarp  # the line above hides its warnings
-
-    model = env._mjx_model
-    assert model.opt._impl is not None and callable(model.tree_replace)
-    assert "warn_overflow" in OptionWarp.__annotations__
-
-
 INSTALLED = [name for name, (library, _) in USES.items() if importlib.util.find_spec(library)]
 
 
@@ -177,9 +166,9 @@ def test_a_private_name_works_as_the_package_uses_it(name):
 def test_simulators_are_bounded():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    lines = [*project["dependencies"], *extras["mjlab"], *extras["playground"]]
+    lines = [*project["dependencies"], *extras["mjlab"]]
     bounded = {line.split(">")[0] for line in lines if ",<" in line}
-    assert bounded == {"warp-lang", "mujoco-warp", "mujoco", "mjlab", "playground"}
+    assert bounded == {"warp-lang", "mujoco-warp", "mujoco", "mjlab"}
 
 
 def is_private(name: str) -> bool:

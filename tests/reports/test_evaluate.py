@@ -13,14 +13,19 @@ from same import csv_rows
 from tiny import TYPED
 
 from morlax_torch import MorlaxError, load
-from morlax_torch.commands import evaluate, figures
+from morlax_torch.commands import evaluate
 from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.commands.train import command as train
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
-from morlax_torch.networks.policy import Policy
-from morlax_torch.reports.comparison import Evaluated, check_comparable, names, quartiles
-from morlax_torch.reports.page import cell, latex
+from morlax_torch.reports.comparison import (
+    Evaluated,
+    check_comparable,
+    names,
+    quartiles,
+    repeated,
+)
+from morlax_torch.reports.page import cell
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading
 from morlax_torch.runs.loading import evaluate as evaluate_run
@@ -103,11 +108,32 @@ def test_a_comparison_changes_neither_runs_nor_earlier_results(workplace, capsys
     check_report((folder / "report.html").read_text())
 
 
-def test_checkpoints_of_one_run_can_be_compared(workplace):
+def test_checkpoints_of_one_run_can_be_compared(workplace, capsys):
     checkpoints = [f"a/hopper/checkpoints/{name}.pt" for name in ("best", "latest")]
     evaluate.command([*checkpoints, *FEW, "--output", "out"])
     runs = [row["run"] for row in csv_rows("out/indicators.csv")]
     assert sorted(runs) == ["hopper-best", "hopper-latest"]
+    assert "median" not in capsys.readouterr().out
+    assert "<th>median</th>" not in Path("out/report.html").read_text()
+    assert not Path("out/summary.csv").exists()
+
+
+def test_runs_with_a_median_differ_only_in_their_seeds(make_policy):
+    def repeat(**changes) -> bool:
+        policies = make_policy(seed=1), make_policy(seed=2), make_policy(**{"seed": 3, **changes})
+        runs = [Evaluated("", policy, front_of(ARC), None, {}) for policy in policies]
+        return repeated(dict(enumerate(runs)))
+
+    assert repeat() and repeat(evaluation={"every": 320}) and repeat(target=1e6)
+    for changes in (
+        {"seed": 2},
+        {"worlds": 64},
+        {"ppo": {"learning_rate": 1e-3}},
+        {"evaluation": {"tradeoffs": 7}},
+        {"network": {"features": 8}},
+    ):
+        assert not repeat(**changes), changes
+    assert not repeated({"one": Evaluated("", make_policy(), front_of(ARC), None, {})})
 
 
 def test_shipped_policies_are_not_written_to(workplace, monkeypatch):
@@ -299,58 +325,6 @@ def test_a_verdict_tells_whether_the_hypervolume_still_rises():
     assert verdict(front_of(ARC), curve(0, 100)) == good  # too few evaluations to tell
     fallen = verdict(front_of(ARC, 1.0), curve(0, 60, 90, 100, 108))
     assert fallen.count("train longer") == 1 and "rose by 8 %" in fallen
-
-
-def test_figures_of_runs_are_written_without_simulating(workplace, rendered, monkeypatch):
-    (workplace / "cheetah").rename(workplace / "a" / "cheetah")
-    monkeypatch.setattr("morlax_torch.runs.loading.evaluate", None)
-    before = {path: path.stat().st_mtime_ns for path in workplace.rglob("*") if path.is_file()}
-    figures.command(["a/hopper", "b/hopper", "a/cheetah", "--output", "paper", "--width", "4"])
-    assert before == {path: path.stat().st_mtime_ns for path in before}
-    stems = ("a/hopper/front", "b/hopper/front", "a/cheetah/front", "fronts-hopper")
-    for stem in (*stems, "hypervolume-hopper-morlax", "hypervolume-cheetah-morlax"):
-        assert (workplace / "paper" / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
-        assert 'width="288pt"' in (workplace / "paper" / f"{stem}.svg").read_text()  # 4 inches
-    assert not list((workplace / "paper").glob("fronts-cheetah*"))  # of one run
-    table = (workplace / "paper" / "indicators.tex").read_text()
-    *_, hopper, cheetah, _, _ = table.splitlines()
-    assert "booktabs" in table and table.count("rule\n") == 3
-    assert hopper.startswith("hopper & morlax & 0, 1 & $") and hopper.count("[") >= 5
-    assert cheetah.startswith("cheetah & morlax & 0 & $") and "[" not in cheetah
-    figures.command(["a/cheetah", "--style", "screen", "--output", "screen"])
-    assert 'width="388.8pt"' in (workplace / "screen" / "front.svg").read_text()
-
-
-def test_a_latex_table_shows_medians_and_quartiles_of_a_task_and_algorithm(make_policy):
-    def run(policy: Policy, volume: float) -> Evaluated:
-        corner = np.array([[volume, 1000.0], [1.0, 1.0]])
-        own = front_of(corner)._replace(objectives=policy.objectives)
-        return Evaluated("", policy, own, None, {})
-
-    one = {str(k): run(make_policy(), 40.0 + k) for k in range(3)}
-    table = latex({("a_b%.py:My_Robot", "morlax"): one, ("hopper", "amor"): {"3": one["0"]}})
-    assert "task & algorithm & seeds & hypervolume & sparsity & expected utility &" in table
-    assert "\nMy\\_Robot & morlax & 0, 0, 0 & $4.10\\ [4.05, 4.15] \\times 10^{4}$ &" in table
-    assert "\nhopper & amor & 0 & $4.00 \\times 10^{4}$ &" in table
-    assert " & $1.00$ &" in table and table.endswith("\\bottomrule\n\\end{tabular}\n")
-    assert table.splitlines()[-3].endswith(" & -- \\\\")  # IGD+ needs several runs
-
-
-FIGURE_MISTAKES = {
-    "": "name at least one run",
-    "nowhere": "nowhere does not exist",
-    "cheetah --width 1": "should be greater than or equal to 2",
-    "a/hopper noisy": "hopper and noisy differ in task.reset_noise",
-    "a/hopper": "has no front beside it: write it with morlax evaluate a/hopper",
-}
-
-
-@pytest.mark.parametrize("words", FIGURE_MISTAKES)
-def test_figures_of_a_mistake_are_refused(words, workplace, refused):
-    if words == "a/hopper":
-        (workplace / "a" / "hopper" / "front.npz").unlink()
-    assert FIGURE_MISTAKES[words] in refused(figures, *words.split())
-    assert not (workplace / "figures").exists()
 
 
 def test_a_report_without_opengl_has_no_picture_of_the_robot(monkeypatch, rendered):

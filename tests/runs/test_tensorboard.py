@@ -1,24 +1,30 @@
 """TensorBoard shows what the docs list, and statistics of episodes count whole episodes."""
 
+import math
 import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.custom_scalar import metadata as layout_metadata
+from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
 from tensorboard.plugins.hparams import metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from tiny import learner, tiny
 
+from morlax_torch import config_for
 from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.runs import Run
+from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
 PAGE = Path(__file__).parents[2] / "docs" / "training.md"
 LONG = {"max_env_steps": 320, "evaluation.every": 160}
 OTHERS = (
-    {"ppo.optimizer": "joint", "ppo.critic": "scalar"},
+    {"ppo.optimizer": "joint", "ppo.critic": "scalar", "target": 1e5},
     {"scalarization": "constrained:run"},
 )
 PLACEHOLDERS = {"OBJECTIVE": ("run", "jump"), "LEVEL": ("0", "0.25", "0.5", "0.75", "1")}
@@ -41,7 +47,8 @@ def documented() -> set[str]:
 
 def written(run: Run) -> list[str]:
     tags = events(run).Tags()
-    found = [*tags["scalars"], *tags["images"], *tags["tensors"]]
+    texts = {*tags["tensors"]} - {layout_metadata.CONFIG_SUMMARY_TAG}
+    found = [*tags["scalars"], *tags["images"], *texts]
     return [tag.removesuffix("/text_summary") for tag in found]
 
 
@@ -76,6 +83,53 @@ def check_hparams(run: Run) -> None:
     tags = {info.name.tag for info in experiment.metric_infos}
     assert {"front/hypervolume", "time/train_seconds"} <= tags
     assert tags <= set(found.Tags()["scalars"])
+
+
+def test_the_hypervolume_comes_first_and_pictures_last(tmp_path):
+    run = train(tiny(**LONG, target=1e5), output=tmp_path / "run")
+    found = events(run)
+    tags = sorted([*found.Tags()["scalars"], *found.Tags()["images"]])  # as TensorBoard does
+    assert tags[0] == "front/hypervolume"
+    assert tags[-2:] == sorted(found.Tags()["images"])
+    layout = Layout.FromString(
+        found.Tensors(layout_metadata.CONFIG_SUMMARY_TAG)[0].tensor_proto.string_val[0]
+    )
+    (chart,) = layout.category[0].chart
+    (pattern,) = chart.multiline.tag
+    together = [tag for tag in tags if re.match(pattern, tag)]
+    kinds = ("", "_estimate", "_target")
+    assert together == [f"front/hypervolume{kind}" for kind in kinds]
+    assert [point.value for point in found.Scalars(together[2])] == [1e5] * 3
+    estimates = [point.value for point in found.Scalars(together[1])]
+    assert len(estimates) == 2 and min(estimates) > 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "target"),
+    [
+        ({}, 6e6),
+        ({"task.stagger": True, "task.guide": {"alive": 1.0}, "worlds": 64}, 6e6),
+        ({"task.reference_point": (-1.0, -1.0)}, None),
+        ({"evaluation.protocol": "discounted"}, None),
+        ({"task.episode_length": 100, "target": 3.0}, 3.0),
+    ],
+)
+def test_a_published_target_is_of_the_task_as_published(changes, target):
+    assert config_for("hopper", device="cpu", **changes).fitting_target == target
+
+
+def test_the_hypervolume_is_estimated_from_rewards_and_failures():
+    def estimate(*rates: tuple[float, float, float], **changes: Any) -> float:
+        made = learner(tiny(**{"task.episode_length": 100, **changes}))
+        return make_evaluator(made).estimate(np.array(rates))
+
+    assert estimate((2, 0, 0), (1, 3, 0)) == pytest.approx(100 * 300)  # the first adds nothing
+    often = (1 - 0.9**100) / 0.1  # steps until the first failure, or the end
+    assert estimate((1, 3, 0.1)) == pytest.approx(3 * often**2)
+    assert estimate((-1, 3, 0)) == estimate((math.nan, 3, 0)) == 0
+    discounted = {"evaluation.protocol": "discounted"}
+    weights = (1 - 0.99**100) / 0.01
+    assert estimate((1, 3, 0), **discounted) == pytest.approx((weights + 100) * (3 * weights + 100))
 
 
 def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():

@@ -122,7 +122,7 @@ def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
     assert front.hypervolume == pytest.approx(max(float(row["hypervolume"]) for row in rows))
     assert {path.name for path in run.checkpoints.iterdir()} >= {"latest.pt", "best.pt"}
     events = EventAccumulator(str(run.folder)).Reload()
-    assert {"figures/front", "figures/returns"} == set(events.Tags()["images"])
+    assert {"views/front", "views/returns"} == set(events.Tags()["images"])
     steps = [event.step for event in events.Scalars("front/hypervolume")]
     assert steps == [0, 160, 320]
     assert run.config() == tiny()
@@ -224,6 +224,24 @@ def test_training_in_a_thread_reports_every_evaluation(tmp_path):
     rows = metrics(Run.open(tmp_path / "run"))
     assert [str(e.hypervolume) for e in found] == [row["hypervolume"] for row in rows]
     assert signal.getsignal(signal.SIGINT) is usual
+
+
+def test_a_tracker_gets_every_point_of_the_curves(tmp_path):
+    points = []
+
+    def log_metrics(metrics: dict[str, float], step: int) -> None:  # as MLflow and Trackio do
+        points.extend((tag, step, value) for tag, value in metrics.items())
+
+    run = train(tiny(), output=tmp_path / "run", on_metrics=log_metrics)
+    events = EventAccumulator(str(run.folder)).Reload()
+    written = {
+        (tag, event.step): event.value
+        for tag in events.Tags()["scalars"]
+        for event in events.Scalars(tag)
+    }
+    assert {(tag, step) for tag, step, _ in points} == written.keys()
+    for tag, step, value in points:
+        assert written[tag, step] == pytest.approx(value, rel=1e-5)
 
 
 def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):

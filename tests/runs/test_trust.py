@@ -42,7 +42,6 @@ def hostile(tmp_path: Path, make_policy) -> Path:
 
 COMMANDS = {
     "evaluate": ("run", "--device", "cpu"),
-    "figures": ("run",),
     "record": ("run",),
     "export": ("run",),
     "explore": ("run", "--port", "0"),

@@ -188,7 +188,6 @@ def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
 def planned(
     progress: Progress,
     iteration: int = 0,
-    times: tuple | None = None,
     device: str = "cpu",
     **limits: Any,
 ) -> Schedule:
@@ -203,7 +202,7 @@ def planned(
         steps_per_iteration=100,
         env_steps=100 * iteration,
     )
-    return Schedule(cast(Any, learner), progress, evaluate_at=times)
+    return Schedule(cast(Any, learner), progress)
 
 
 def test_evaluations_are_spaced_by_their_cost():
@@ -211,11 +210,20 @@ def test_evaluations_are_spaced_by_their_cost():
     schedule = planned(progress)
     assert schedule.evaluation_due()
     schedule.evaluated(cost=0.8)  # 8 % of ten seconds
-    progress.steps_per_second = 200.0
-    for seconds, due, iterations in ((3.0, False, 10), (11.0, False, 3), (12.3, True, 1)):
+    progress.steps_per_second = 1000.0
+    for seconds, due, iterations in ((3.0, False, 10), (11.95, False, 3), (12.3, True, 1)):
         progress.train_seconds = seconds
         assert schedule.evaluation_due() == due
         assert schedule.iterations() == iterations
+
+
+def test_slow_worlds_too_give_a_point_of_the_curves_each_second():
+    progress = Progress()
+    schedule = planned(progress, **{"evaluation.every": 100_000})
+    for speed, iterations in ((1e4, 10), (500.0, 5), (90.0, 1)):  # of 100 steps
+        progress.steps_per_second = speed
+        assert schedule.iterations() == iterations
+        assert schedule.seconds() == 1.0
 
 
 def test_where_few_worlds_take_as_long_as_many_training_starts_without_an_evaluation():

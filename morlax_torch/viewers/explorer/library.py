@@ -12,10 +12,10 @@ from typing import NamedTuple
 from ...envs import MorlaxError
 from ...envs.errors import unknown
 from ...envs.making import has_robot
-from ...envs.naming import GYMNASIUM, MJLAB, PLAYGROUND, runs_code, title
+from ...envs.naming import GYMNASIUM, MJLAB, runs_code, title
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
-from ...host.files import write_file
+from ...host.files import RUNS, newest_runs, task_of, write_file
 from ...host.version import __version__
 from ...networks.policy import Policy
 from ...runs import loading
@@ -32,7 +32,7 @@ BODY = "body.pt"  # policies of a body that is not the checkpoint's
 def _folders() -> dict[str, Path]:
     """Return the folders of the shipped policies, then those of the runs, newest first, by name."""
     shipped = sorted(folder.parent for folder in loading.SHIPPED.glob("*/checkpoints"))
-    runs = loading.newest_runs(loading.RUNS)
+    runs = newest_runs(RUNS)
     return {folder.name: folder for folder in shipped} | {str(run): run for run in runs}
 
 
@@ -42,13 +42,8 @@ def labels() -> dict[str, str]:
 
 
 def _reason(run: Path) -> str:
-    try:
-        with (run / "config.yaml").open() as config:
-            line = next((line for line in config if line.startswith("env:")), "")
-    except (OSError, UnicodeDecodeError):  # opening the run says why
-        return ""
-    task = line.removeprefix("env:").strip(" \n'\"")
-    if task.startswith((PLAYGROUND, GYMNASIUM)):
+    task = task_of(run)
+    if task.startswith(GYMNASIUM):
         return " (no MuJoCo robot)"
     return " (needs mjlab)" if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
 

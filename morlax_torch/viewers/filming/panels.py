@@ -75,10 +75,12 @@ def labeled(text: str, width: int, height: int) -> Image.Image:
     return picture
 
 
-def timed(picture: Image.Image, seconds: float) -> Image.Image:
-    picture, size = picture.copy(), max(11, picture.height // 9)
+def timed(picture: Image.Image, seconds: float, failed: bool) -> Image.Image:
+    """Return a copy with its time, dimmed if the robot has failed then."""
+    picture, size = picture.copy(), max(11, min(picture.height, picture.width) // 9)
+    picture, text = (dimmed(picture), "failed at ") if failed else (picture, "")
     corner = picture.width - size / 3, picture.height - size / 3
-    ImageDraw.Draw(picture).text(corner, f"{seconds:.2f} s", INK, _font(size), anchor="rs")
+    ImageDraw.Draw(picture).text(corner, f"{text}{seconds:.2f} s", INK, _font(size), anchor="rs")
     return picture
 
 
@@ -104,15 +106,18 @@ def cycle(positions: NDArray[np.float64], dt: float) -> int | None:
     return int(high[0]) if len(high) else None
 
 
-def moments(positions: NDArray[np.float64], dt: float, pictures: int) -> list[int]:
-    """Return the control steps of pictures that show the last gait cycle, evenly spaced.
+def moments(motions: Sequence[NDArray[np.float64]], dt: float, pictures: int) -> list[list[int]]:
+    """Return the control steps of evenly spaced pictures of each motion, all on one time scale.
 
-    The first and the last picture show the same phase. A cycle of fewer steps than pictures is
-    shown twice; a motion without a cycle for one second. For positions and dt see `cycle`.
+    They show the longest of the last gait cycles, whose first and last picture show the same phase;
+    one of fewer steps than pictures twice, and motions without a cycle for one second. A motion
+    that ends before repeats its last step. For positions and dt see `cycle`.
     """
-    last = len(positions) - 1
-    span = cycle(positions[len(positions) // 2 :], dt) or round(PLAIN / dt)
+    cycles = [cycle(positions[len(positions) // 2 :], dt) or 0 for positions in motions]
+    span = max(cycles) or round(PLAIN / dt)
     if span < pictures - 1:
         span *= 2
-    first = max(0, last - span)
-    return np.linspace(first, last, pictures).round().astype(int).tolist()
+    span = min(span, max(map(len, motions)) - 1)
+    steps = np.linspace(0, span, pictures).round().astype(int)
+    lasts = [len(positions) - 1 for positions in motions]
+    return [np.minimum(max(0, last - span) + steps, last).tolist() for last in lasts]

@@ -124,14 +124,16 @@ class Film:
         return panels.side_by_side(robots)
 
     def strip(self, seconds: float = 5.0, pictures: int = 8) -> NDArray[np.uint8]:
-        """Render a film strip (H, W, 3) RGB: a row of each trade-off's last gait cycle or two."""
+        """Render a film strip (H, W, 3) RGB: a row of each trade-off, all on one time scale."""
         if not 2 <= pictures <= MOST_PICTURES:
             raise MorlaxError(f"a row has 2 to {MOST_PICTURES} pictures, not {pictures}.")
         steps, player = self.steps(seconds), self._takes[0].player
-        rows = []
+        motions = []
         for number, take in enumerate(self._takes):
             phase("filming", number / len(self._takes))
-            rows.append(take.moments(steps, pictures))
+            motions.append(take.motion(steps))
+        moments = panels.moments(motions, self.dt, pictures)
+        rows = [take.poses(row) for take, row in zip(self._takes, moments, strict=True)]
         aspect, base = self._size[0] / self._size[1], player.env.base
         poses = [data for row in rows for data, *_ in row]
         cameras, drawn = iter(cameras_for(player.model, aspect, poses, base)), []
@@ -140,8 +142,7 @@ class Film:
                 drawn.append(panels.labeled(take.label(), *self._size))
                 for data, time, failed, ghost in row:
                     picture = Image.fromarray(scene.draw(data, next(cameras), ghost))
-                    picture = panels.dimmed(picture) if failed else picture
-                    drawn.append(panels.timed(picture, time))
+                    drawn.append(panels.timed(picture, time, failed))
         return panels.side_by_side(drawn, 1 + pictures)
 
     @contextmanager
@@ -199,25 +200,29 @@ class Take:
         self._frozen = picture if self.failed else None
         return picture
 
-    def moments(
-        self, steps: int, pictures: int
-    ) -> list[tuple[mujoco.MjData, float, bool, mujoco.MjData | None]]:
-        """Return states of the last gait cycle, with seconds, whether they fail, and ghosts."""
+    def motion(self, steps: int) -> NDArray[np.float64]:
+        """Run an episode of so many steps, and return the angles of the robot's hinges (T, J)."""
         self.reset()
-        states, ghosts = [self.player.data.qpos.copy()], [self.player.env.ghost()]
+        states, self._ghosts = [self.player.data.qpos.copy()], [self.player.env.ghost()]
         while self.player.steps < steps and not self.failed:
             self.step()
             states.append(self.player.data.qpos.copy())
-            ghosts.append(self.player.env.ghost())
-        qpos = np.stack([state for state in states if np.isfinite(state).all()])
-        model, dt, moments = self.player.model, self.player.env.dt, []
-        hinges = model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
-        for step in panels.moments(qpos[:, hinges], dt, pictures):
-            failed = self.failed and step == len(qpos) - 1
-            pose = ghosts[step]
+            self._ghosts.append(self.player.env.ghost())
+        self._qpos = np.stack([state for state in states if np.isfinite(state).all()])
+        model = self.player.model
+        return self._qpos[:, model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]]
+
+    def poses(
+        self, steps: Sequence[int]
+    ) -> list[tuple[mujoco.MjData, float, bool, mujoco.MjData | None]]:
+        """Return the robot at steps of its motion, with seconds, whether it failed, and ghosts."""
+        model, dt, poses = self.player.model, self.player.env.dt, []
+        for step in steps:
+            failed = self.failed and step == len(self._qpos) - 1
+            pose = self._ghosts[step]
             ghost = None if pose is None else _posed(model, pose.numpy())
-            moments.append((_posed(model, qpos[step]), step * dt, failed, ghost))
-        return moments
+            poses.append((_posed(model, self._qpos[step]), step * dt, failed, ghost))
+        return poses
 
     def _body(self) -> list[str]:
         """Return the design parameters that are not the default, such as "thigh 0.4 m"."""
@@ -296,7 +301,7 @@ def record(
         seconds: simulated time; a film strip shows the end of it.
         speed: playback speed of a film; 0.5 is slow motion.
         width, height: of a panel, in pixels.
-        pictures: number per row of a film strip, evenly spaced over one or two gait cycles.
+        pictures: number per row of a film strip, evenly spaced over the longest gait cycle or two.
         bodies: design parameters of each body to show, by name, each with every trade-off (empty:
             the body of the policy). Then the default is the balanced trade-off.
         special: makes another film instead, of width, height and seed: a `Sweep`, or a `Growth`.

@@ -1,0 +1,96 @@
+"""First drafts of task files, from nothing but an MJCF. Imports no torch."""
+
+from pathlib import Path
+from textwrap import shorten
+
+import jinja2
+import mujoco
+import numpy as np
+from mujoco import mjtBias, mjtJoint
+
+from ..errors import MorlaxError, user_code
+from .trees import base_of, horizontal
+
+STRIDE = 0.5  # rad or m, by which servos of a robot that can fall leave the start pose at most
+TRIAL, HOLD = 100, 10  # control steps of random actions from one start, and of each action
+
+
+class Draft:
+    """A task for the robot of an MJCF, whose attributes fill in draft.jinja.
+
+    Raises:
+        MorlaxError: MuJoCo cannot load the MJCF, or it has no actuators, or no floor to fall on.
+    """
+
+    def __init__(self, path: Path):
+        with user_code(f"MuJoCo cannot load {path}"):
+            self.model = model = mujoco.MjSpec.from_file(str(path)).compile()
+        if not model.nu:
+            motor = '<actuator><motor joint="hip" ctrlrange="-20 20"/></actuator>'
+            raise MorlaxError(f"{path} has no actuators: add them for its joints, such as {motor}.")
+        keys = [model.key(number).name for number in range(model.nkey)]
+        self.key = next((key for key in ("home", "stand", *keys) if key and key in keys), None)
+        self.data = mujoco.MjData(model)
+        self._restart()
+        base, geoms = base_of(model), model.geom_contype | model.geom_conaffinity
+        along = horizontal(model, base)  # degrees of freedom that move the base along the floor
+        joints, still = model.dof_jntid[along], model.body_weldid[model.geom_bodyid] == 0
+        free = mjtJoint.mjJNT_FREE in model.jnt_type[joints]
+        if free and not geoms[still].any():
+            floor = '<geom type="plane" size="0 0 1"/>'
+            raise MorlaxError(f"{path} has no floor: name a scene that has one, or add {floor}.")
+        driven = np.isin(joints, model.actuator_trnid[:, 0]).any()
+        self.floating = free or (bool(along) and not driven)
+        first = self.floating and along == list(range(len(along)))
+        self.unobserved = len(along) if first else 0  # leading numbers of qpos
+        robot = np.flatnonzero(model.body_treeid == model.body_treeid[base])
+        tips = robot[~np.isin(robot, model.body_parentid)]
+        far = np.linalg.norm(self.data.xipos[tips] - self.data.xpos[base], axis=1)
+        self.body = base if self.floating else tips[far.argmax()]
+        self.height, self.upright = self.data.xpos[base, 2], self.data.xmat[base, 8] > 0.9
+        self.sensors = shorten(", ".join(model.sensor(i).name for i in range(model.nsensor)), 60)
+        self._see_actuators()
+        self._act_at_random()
+
+    def text(self, name: str, model_file: str) -> str:
+        """Return the text of a Python file that defines the class `name`."""
+        template = Path(__file__).with_name("draft.jinja").read_text()
+        made = jinja2.Template(template, trim_blocks=True, lstrip_blocks=True)
+        return made.render(vars(self), name=name, model_file=model_file)
+
+    def _restart(self) -> None:
+        key = -1 if self.key is None else self.model.key(self.key).id
+        mujoco.mj_resetDataKeyframe(self.model, self.data, key)
+        mujoco.mj_forward(self.model, self.data)
+
+    def _see_actuators(self) -> None:
+        """Find controls (nu,) at rest, where servos hold the pose, and how far actions reach."""
+        model, ctrl, (low, high) = self.model, self.data.ctrl, self.model.actuator_ctrlrange.T
+        offset, stiffness = model.actuator_biasprm[:, :2].T
+        servo = (model.actuator_biastype == mjtBias.mjBIAS_AFFINE) & (stiffness != 0)
+        gain = np.where(servo, model.actuator_gainprm[:, 0], 1.0)
+        held = 0.0 - (offset + stiffness * self.data.actuator_length) / gain
+        rest = ctrl.copy() if ctrl.any() else np.where(servo, held, (low + high) / 2)
+        reach = np.where(model.actuator_ctrllimited, np.maximum(high - rest, rest - low), 1.0)
+        reach = np.where(servo & self.floating, np.minimum(reach, STRIDE), reach)
+        names = [model.actuator(number).name or f"actuator {number}" for number in range(model.nu)]
+        self.actuators = list(zip(names, rest.tolist(), reach.tolist(), strict=True))
+
+    def _act_at_random(self) -> None:
+        """Measure power, contacts, and where the body goes."""
+        model, data, random, rows, places = self.model, self.data, np.random.default_rng(0), [], []
+        self.substeps = max(1, round(0.02 / model.opt.timestep))
+        _, rest, reach = map(np.array, zip(*self.actuators, strict=True))
+        for step in range(5 * TRIAL):
+            if step % TRIAL == 0:
+                self._restart()
+            if step % HOLD == 0:
+                data.ctrl[:] = rest + reach * random.uniform(-1, 1, model.nu)
+            mujoco.mj_step(model, data, self.substeps)
+            power = np.abs(data.actuator_force * data.actuator_velocity).sum()
+            rows.append((power, data.ncon, data.nefc))
+            places.append(data.xipos[self.body].copy())
+        self.power, _, _ = np.quantile(rows, 0.25, axis=0)
+        _, self.contacts, self.constraints = np.max(rows, axis=0)
+        box = np.quantile(places, (0.05, 0.95), axis=0)
+        self.box, self.near = box.T.round(3).tolist(), np.linalg.norm(box[1] - box[0]) / 4
