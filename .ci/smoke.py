@@ -20,7 +20,7 @@ ROBOT = """
   <worldbody>
     <body name="arm">
       <joint name="shoulder"/>
-      <geom size="0.02" fromto="0 0 0 0.3 0 0"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0"/>
     </body>
   </worldbody>
   <actuator>

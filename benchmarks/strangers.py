@@ -1,6 +1,6 @@
 """Time `morlax new` and the training that it proposes, up to the first front after step 0.
 
-python benchmarks/strangers.py benchmarks/results/strangers.csv ROBOT=FILE.xml ...
+python benchmarks/strangers.py benchmarks/results/strangers-cpu.csv ROBOT=FILE.xml ...
 """
 
 import argparse
@@ -30,7 +30,7 @@ def measured(robot: str, model: Path, folder: Path) -> dict[str, object]:
     written, line, *_ = [*(new.communicate()[0] or "").splitlines(), ""]
     row = {"robot": robot, "new_s": f"{time.perf_counter() - began:.1f}"}
     if not line.startswith("next: "):
-        return row | {"task": written.rpartition("/")[2]}
+        return row | {"task": written.replace(f"{model.resolve().parent}/", "")}
     row["task"] = written.partition("in which ")[2]
     metrics, rows, began = folder / robot / "metrics.csv", [], time.perf_counter()
     training = morlax(folder, "train", *shlex.split(line)[5:], "--output", robot)
