@@ -332,6 +332,7 @@ def test_the_page_looks_back_on_training_and_follows_it_without_a_reload(visit, 
 def test_axe_finds_no_barrier(visit):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     view = visit(1440, 900)
+    view.tab.wait_for_selector("#moment")
     view.tab.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
     for width, height in ((1440, 900), (390, 844)):
         view.tab.set_viewport_size({"width": width, "height": height})
@@ -555,6 +556,7 @@ def test_a_choice_says_margin_and_cost_and_that_a_fall_breaks_it(visit):
 def test_a_required_level_is_a_line_that_can_be_dragged_and_its_search_canceled(visit):
     view = visit(1440, 900)
     show(view, "runs/cheetah3/a", 3)
+    view.tab.wait_for_selector("#moment")  # earlier fronts widen the plot
     view.tab.click("#choosing-section summary")
     slider = view.slider("at least run")
     slider.focus()
