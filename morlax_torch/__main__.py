@@ -31,7 +31,7 @@ def first_commands() -> Iterator[tuple[str, str]]:
     served = find_spec("websockets") is not None
     page = "a trained robot in the browser, with a slider per objective"
     yield typed("explore", "ant"), page if served else f"needs {installation('explore')}"
-    trained = "policies from fast to economical, in less than a minute"
+    trained = "policies from fast to economical, in about a minute"
     yield typed("train", "--env", "cheetah", "--max-seconds", 10 if gpu() else 30), trained
     if run := next(filter(task_of, newest_runs(RUNS)), None):
         trust = ["--trust"] * runs_code(task_of(run))

@@ -191,12 +191,12 @@ class Learner(ABC):
         sums = group.mean_(torch.cat([rates.flatten(), torch.stack([*means.values(), *totals])]))
         overflow = group.largest_(env.overflow().max().float()[None])
         *values, largest = torch.cat([sums, overflow]).tolist()
-        found, values = values[: rates.numel()], values[rates.numel() :]
+        means_by_tradeoff, values = values[: rates.numel()], values[rates.numel() :]
         metrics = dict(zip(means, values, strict=False))
         metrics["blowups"] *= group.size
         *totals, number = values[len(means) :]
         if number or self.rates is not None:  # before, it is unknown how long episodes last
-            self.rates = np.reshape(found, rates.shape)
+            self.rates = np.reshape(means_by_tradeoff, rates.shape)
         if number:
             names = [*(f"episode_return/{name}" for name in env.objectives), "episode_length"]
             metrics |= {name: x / number for name, x in zip(names, totals, strict=True)}

@@ -75,20 +75,20 @@ class Growth(Film):
     def _arranged(self, robots: list[Image.Image], share: float) -> NDArray[np.uint8]:
         """Draw the evaluations that are over by a share of the film, and what moves on."""
         width, height = robots[0].size
-        place = min(1.0, share / (1 - HELD)) * (len(self._fronts) - 1)  # such as 2.5
+        moment = min(1.0, share / (1 - HELD)) * (len(self._fronts) - 1)  # such as 2.5
         self._canvas.restore_region(self._empty)
-        for line in self._earlier[: int(place)]:
+        for line in self._earlier[: int(moment)]:
             self._map.draw_artist(line)
-        before, after = self._fronts[int(place)], self._fronts[int(np.ceil(place))]
+        before, after = self._fronts[int(moment)], self._fronts[int(np.ceil(moment))]
         returns, colors = before.returns, style.colors_of(before.tradeoffs)
         if np.array_equal(before.tradeoffs, after.tradeoffs):
-            returns = returns + (place % 1) * (after.returns - returns)
+            returns = returns + (moment % 1) * (after.returns - returns)
         best = non_dominated(returns)
         self._points.set(offsets=returns[best][:, self._pair], facecolors=colors[best])
         self._map.draw_artist(self._points)
         evaluation = np.arange(len(self._numbers))
-        now = [np.interp(place, evaluation, column) for column in self._numbers.T]
-        self._line.set_data(*np.vstack([self._numbers[evaluation < place], now]).T[1:])
+        now = [np.interp(moment, evaluation, column) for column in self._numbers.T]
+        self._line.set_data(*np.vstack([self._numbers[evaluation < moment], now]).T[1:])
         steps, volume = (style.short(float(f"{now[k]:.3g}")) for k in (0, 2))
         self._told.set_text(f"{now[1]:,.0f} s of training\n{steps} steps\n{volume}")
         for artist in (self._line, self._told):
