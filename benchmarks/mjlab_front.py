@@ -54,9 +54,9 @@ def main(
         axes.scatter(*walks.front.quantities[:, [ERROR, POWER]].T, s=14, label=run.stem)
     for file in peers:
         task = policy.config.env.rpartition(":")[2]
-        loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})
-        config = policy.config.model_copy(update={"task": loud})
         peer = mjlab_peer.load_peer(task, file, str(target))
+        options = policy.config.task.model_copy(update=peer.task)
+        config = policy.config.model_copy(update={"task": options})
         walks = walk(peer, config, tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
         label = f"{file.stem}, one policy"

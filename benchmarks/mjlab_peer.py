@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import torch
 import tyro
@@ -23,6 +23,7 @@ from torch import Tensor
 
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import MorlaxError, Worlds, resolve_device
+from morlax_torch.envs.bridges.mjlab.history import UNMEASURED
 from morlax_torch.envs.bridges.mjlab.motion import prepared
 from morlax_torch.envs.bridges.mjlab.worlds import add_terms
 
@@ -35,7 +36,13 @@ class Peer(NamedTuple):
     """A policy of rsl_rl in the place of an `Agent` and its `Actors`, for every trade-off."""
 
     policy: Callable[[dict[str, Tensor]], Tensor]
+    sensors: str = "all"  # that it was trained with
     parameters: dict[str, Tensor] = {}
+
+    @property
+    def task(self) -> dict[str, Any]:
+        """Options of worlds that it acts in."""
+        return {"action_scale": LOUD, "sensors": self.sensors, "history": {}}
 
     def check_sizes(self, env: Worlds) -> None:
         pass  # rsl_rl built the policy for this task
@@ -62,6 +69,7 @@ def main(
     seed: int = 0,
     device: str | None = None,
     motion: Path | None = None,
+    sensors: Literal["all", "real"] = "all",
 ) -> None:
     """Train a policy, or go on with one, until the first of two limits.
 
@@ -76,10 +84,12 @@ def main(
         seed: Seed of training.
         device: cuda or cpu (None: CUDA if available).
         motion: Motion of a tracking task, in mjlab's npz format.
+        sensors: What the policy observes: all terms, or those that a robot's sensors measure.
     """
     plain = task.replace("Pareto", "Mjlab", 1)
     weights = yaml.safe_load(weightings.read_text())[plain][weighting]
-    runner = make_runner(task, worlds, str(resolve_device(device)), seed, weights, motion)
+    target = str(resolve_device(device))
+    runner = make_runner(task, worlds, target, seed, weights, motion, sensors)
     per_iteration = worlds * runner.cfg["num_steps_per_env"]
     done = runner.load(str(file))["env_steps"] if file.exists() else 0
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -92,7 +102,7 @@ def main(
         with contextlib.redirect_stdout(io.StringIO()):
             runner.learn(number, init_at_random_ep_len=done == first)
         done += number * per_iteration
-        save(runner, str(part), {"env_steps": done})
+        save(runner, str(part), {"env_steps": done, "sensors": sensors})
         part.replace(file)
         passed = time.perf_counter() - start
         console.print(
@@ -109,9 +119,11 @@ def load_peer(task: str, file: Path, device: str, motion: Path | None = None) ->
     """
     if not file.exists():
         raise MorlaxError(f"{file} is missing: train it with benchmarks/mjlab_peer.py.")
-    runner = make_runner(task, 16, device, motion=motion)
+    infos = torch.load(file, map_location="cpu", weights_only=False)["infos"]
+    sensors = infos.get("sensors", "all")
+    runner = make_runner(task, 16, device, motion=motion, sensors=sensors)
     runner.load(str(file), {"actor": True}, map_location=device)
-    return Peer(runner.get_inference_policy(device))
+    return Peer(runner.get_inference_policy(device), sensors)
 
 
 def make_runner(
@@ -121,6 +133,7 @@ def make_runner(
     seed: int = 0,
     weights: dict[str, float] | None = None,
     motion: Path | None = None,
+    sensors: str = "all",
 ) -> Any:
     """Return mjlab's runner of one of its tasks, as its command `train` builds it.
 
@@ -134,6 +147,8 @@ def make_runner(
         cfg, agent = registry.load_env_cfg(task), registry.load_rl_cfg(task)
         cfg.scene.num_envs, cfg.seed, agent.seed = worlds, seed, seed
         add_terms(cfg)
+        for term in UNMEASURED if sensors == "real" else ():
+            cfg.observations["actor"].terms.pop(term, None)
         for term, factor in (weights or {}).items():
             cfg.rewards[term].weight = factor * (cfg.rewards[term].weight or 1.0)
         if motion is not None:  # as fast as in our worlds

@@ -3,6 +3,7 @@
 python benchmarks/mjlab_tracking.py runs/jazz --peers jazz-4096.pt jazz-16384.pt
 """
 
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ def main(
     episodes: int = 16,
     seed: int = 0,
     device: str | None = None,
+    output: Path | None = None,
 ) -> None:
     """Print how the best policies of runs and those of all corners follow, beside the peers.
 
@@ -39,6 +41,7 @@ def main(
         episodes: Episodes of each policy; as many others choose which to report.
         seed: Seed of the episodes.
         device: cuda or cpu (None: CUDA if available).
+        output: CSV file of rows.
     """
     target = resolve_device(device)
     rows: list[tuple[str, Front, int]] = []
@@ -57,19 +60,24 @@ def main(
         task = policy.config.env.rpartition(":")[2]
         motion = Path(policy.config.task.motion_file)
         peer = mjlab_peer.load_peer(task, file, str(target), motion)
-        loud = policy.config.task.model_copy(update={"action_scale": mjlab_peer.LOUD})
-        config = policy.config.model_copy(update={"task": loud})
-        _, front = fronts(peer, config, len(loud.objectives), episodes, seed)
+        options = policy.config.task.model_copy(update=peer.task)
+        config = policy.config.model_copy(update={"task": options})
+        _, front = fronts(peer, config, len(options.objectives), episodes, seed)
         rows.append((f"mjlab: {file.stem}", front, 0))
     names = rows[0][1].quantity_names
-    table = Table(
-        "", "trade-off", *names, "falls", title=f"{policy.config.env}, {episodes} episodes"
-    )
+    head = ["policy", "trade-off", *names, "falls"]
+    lines = []
     for name, front, k in rows:
         weights = " ".join(f"{weight:.2f}" for weight in front.tradeoffs[k])
         numbers = [f"{number:.3g}" for number in (*front.quantities[k], front.falls[k])]
-        table.add_row(name, weights, *numbers)
+        lines.append([name, weights, *numbers])
+    table = Table(*head, title=f"{policy.config.env}, {episodes} episodes")
+    for line in lines:
+        table.add_row(*line)
     console.print(table)
+    if output is not None:
+        with output.open("w", newline="") as file:
+            csv.writer(file).writerows([head, *lines])
 
 
 def fronts(agent: Any, config: Config, tradeoffs: int, episodes: int, seed: int) -> list[Front]:

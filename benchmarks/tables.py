@@ -266,9 +266,16 @@ def mjlab() -> str:
         line = walk(name, [row], ("velocity_error_m_s", "speed_share", "power_W"))
         lines.insert(place, line)
     repeats = read("pareto-go1-h200.csv", policy="own weights")
-    plain = walk("", [row for row in repeats if row["run"].startswith("plain PPO")])
-    name = f"{lines[4][0]}, seeds 0, 200, 201"
+    plain = walk("", [row for row in repeats if row["run"].startswith("plain PPO, seed")])
+    name = f"{lines[4][0]}, seeds 0, 200, 201, 202"
     lines[4] = [name, *map(", ".join, zip(lines[4][1:], plain[1:], strict=True))]
+    for place, policy, words in (
+        (2, "best tracking", "tracks best"),
+        (3, "least power", "least power"),
+    ):
+        real = read("mjlab-go1-h200.csv", policy=policy)
+        (row,) = (row for row in real if row["run"].startswith("sensors: real, no history"))
+        lines.insert(place, walk(f"Go1, real sensors, seed 100, {words}", [row]))
     head = ["", "error of the velocity, m/s", "speed, share of the commanded", "power, W"]
     return markdown(head, lines)
 
