@@ -45,7 +45,8 @@ def main(
     axes = drawing.subplots()
     for run in runs:
         policy = load(run, target)
-        walks = walk(policy.agent, policy.config, tradeoffs, episodes, seed)
+        config = policy.config.model_copy(update={"device": str(target)})
+        walks = walk(policy.agent, config, tradeoffs, episodes, seed)
         free = {"non-dominated": str((~dominated(walks.returns, walks.returns)).sum())}
         for label, index in (("best tracking", walks.best), ("least power", walks.cheapest)):
             weights, values = walks.told(index)
@@ -53,11 +54,11 @@ def main(
         fronts.append(walks.returns)
         axes.scatter(*walks.front.quantities[:, [ERROR, POWER]].T, s=14, label=run.stem)
     for file in peers:
-        task = policy.config.env.rpartition(":")[2]
+        task = config.env.rpartition(":")[2]
         peer = mjlab_peer.load_peer(task, file, str(target))
-        options = policy.config.task.model_copy(update=peer.task)
-        config = policy.config.model_copy(update={"task": options})
-        walks = walk(peer, config, tradeoffs, episodes, seed)
+        options = config.task.model_copy(update=peer.task)
+        worlds = config.model_copy(update={"task": options})
+        walks = walk(peer, worlds, tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
         label = f"{file.stem}, one policy"
         axes.scatter(*walks.front.quantities[0, [ERROR, POWER]], s=70, marker="*", label=label)
@@ -68,10 +69,13 @@ def main(
         ]
         verdicts.append(f"mjlab: {file.stem}: dominated by {', '.join(better) or 'no front'}")
     shown = list(rows[0][3])
-    table = Table("", "", "trade-off", *shown, title=f"{policy.config.env}, {episodes} episodes")
-    for name, label, weights, values in rows:
-        numbers = " ".join(f"{weight:.2f}" for weight in weights)
-        table.add_row(name, label, numbers, *(values.get(key, "") for key in shown))
+    heads = (f"{name}\n{label}" for name, label, *_ in rows)
+    table = Table("", *heads, title=f"{config.env}, {episodes} episodes")
+    table.add_row(
+        "trade-off", *(" ".join(f"{w:.2f}" for w in weights) for _, _, weights, _ in rows)
+    )
+    for key in shown:
+        table.add_row(key, *(values.get(key, "") for *_, values in rows))
     console.print(table)
     console.print(*verdicts, sep="\n")
     axes.set(xlabel="error of the velocity (m/s)", ylabel="power (W)")

@@ -47,7 +47,8 @@ def main(
     rows: list[tuple[str, Front, int]] = []
     for run in runs:
         policy = load(run, target)
-        trial, front = fronts(policy.agent, policy.config, tradeoffs, episodes, seed)
+        config = policy.config.model_copy(update={"device": str(target)})
+        trial, front = fronts(policy.agent, config, tradeoffs, episodes, seed)
         error, power = (quantity(trial, name) for name in ("body error (mm)", "power (W)"))
         near = (error <= NEAR * error.min()) & (trial.falls <= FALLS)
         rows.append((f"{run.name}: least body error", front, int(error.argmin())))
@@ -57,12 +58,12 @@ def main(
         rows += [(f"{run.name}: {name} only", front, k) for k, name in enumerate(front.objectives)]
         console.print(f"{run.name}: {front.non_dominated.sum()} of {tradeoffs} non-dominated")
     for file in peers:
-        task = policy.config.env.rpartition(":")[2]
-        motion = Path(policy.config.task.motion_file)
+        task = config.env.rpartition(":")[2]
+        motion = Path(config.task.motion_file)
         peer = mjlab_peer.load_peer(task, file, str(target), motion)
-        options = policy.config.task.model_copy(update=peer.task)
-        config = policy.config.model_copy(update={"task": options})
-        _, front = fronts(peer, config, len(options.objectives), episodes, seed)
+        options = config.task.model_copy(update=peer.task)
+        worlds = config.model_copy(update={"task": options})
+        _, front = fronts(peer, worlds, len(options.objectives), episodes, seed)
         rows.append((f"mjlab: {file.stem}", front, 0))
     names = rows[0][1].quantity_names
     head = ["policy", "trade-off", *names, "falls"]
@@ -71,7 +72,7 @@ def main(
         weights = " ".join(f"{weight:.2f}" for weight in front.tradeoffs[k])
         numbers = [f"{number:.3g}" for number in (*front.quantities[k], front.falls[k])]
         lines.append([name, weights, *numbers])
-    table = Table(*head, title=f"{policy.config.env}, {episodes} episodes")
+    table = Table(*head, title=f"{config.env}, {episodes} episodes")
     for line in lines:
         table.add_row(*line)
     console.print(table)
