@@ -1,5 +1,6 @@
 """Train a run in the terminal."""
 
+import gc
 import os
 import shlex
 import subprocess
@@ -38,6 +39,7 @@ def command(arguments: Sequence[str]) -> None:
 
             files()  # refuses without the extra
         session = Session.of(config, run, start.output)
+        gc.freeze()  # else collections, which stop training, would look through all libraries
     assert session.run is not None
     gather, ended = session.learner.group.gather, False
 

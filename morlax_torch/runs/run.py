@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cached_property
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -262,7 +263,7 @@ class Run:
 
     @cached_property
     def _events(self) -> "SummaryWriter":
-        from torch.utils.tensorboard import SummaryWriter  # loads slowly
+        from torch.utils.tensorboard import SummaryWriter
 
         writer = SummaryWriter(str(self.folder), purge_step=self._purge_step)
         for file in ("config.yaml", HARDWARE):
@@ -274,20 +275,26 @@ class Run:
 
     def _write_events(self, evaluation: Evaluation, config: Config) -> None:
         """Write an evaluation to TensorBoard. docs/training.md lists the tags."""
-        steps, number = evaluation.env_steps, len(self._rows)
-        if number == 0:
+        steps = evaluation.env_steps
+        if not self._rows:
             self._log_hyperparameters(evaluation.scalars)
         self.log_scalars(evaluation.scalars, steps)
         if target := config.fitting_target:
             self.log_scalars({"front/hypervolume_target": target}, steps)
-        if milestone(number):
-            from ..evaluation import figures  # matplotlib loads slowly
-
-            name = f"{title(config.env)} after {steps / 1e6:.1f} M steps"
-            for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
-                image = figures.pixels(draw(evaluation.front, name))
-                self._events.add_image(f"views/{tag}", image, steps, dataformats="HWC")
         self._events.flush()
+
+    def draw(self, front: Front, config: Config, env_steps: int) -> None:
+        """Write pictures of the latest evaluation to TensorBoard, if it is a `milestone`."""
+        if not milestone(len(self._rows) - 1):
+            return
+        from ..evaluation import figures
+
+        name = f"{title(config.env)} after {env_steps / 1e6:.1f} M steps"
+        with attempting(self._writing):
+            for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
+                image = figures.pixels(draw(front, name))
+                self._events.add_image(f"views/{tag}", image, env_steps, dataformats="HWC")
+            self._events.flush()
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:
         """Fill the HPARAMS tab, first with options that differ from the task's config."""
@@ -320,6 +327,12 @@ class Run:
         except MorlaxError:
             if kind is None or issubclass(kind, GeneratorExit):
                 raise  # else on a full disk this error would hide the first one
+
+
+def load_libraries() -> None:
+    """Import what a `Run` imports late, because it loads slowly."""
+    import_module(".evaluation.figures", "morlax_torch")
+    import_module("torch.utils.tensorboard")
 
 
 def milestone(number: int) -> bool:

@@ -11,7 +11,7 @@ from ...evaluation.front import hypervolume_in
 from ...reports.verdict import unreached
 from ...runs.progress import Evaluation, Progress
 from ...runs.references import NAMES_CODE
-from ...runs.training import TRAINING
+from ...runs.training import SHORT, TRAINING, is_short
 from .cli import Live, console, print_command
 from .process import typed
 
@@ -66,6 +66,8 @@ class Display(Live):
             )
         if env.simulator == "mjlab" and env.device.type == "cpu":
             yield "on a CPU, mjlab takes a few hundred steps per second: use a GPU to train"
+        if is_short(config):
+            yield f"training takes less than {SHORT:.0f} s, so it is evaluated only at its end"
         if env.simulator == "MuJoCo Warp":
             yield "compiling kernels: up to a minute the first time on a machine"
 
