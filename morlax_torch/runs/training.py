@@ -34,7 +34,7 @@ UNSTABLE = (
     "learned: check the task's rewards and observations, or use a smaller time step in its MJCF"
 )
 TRAINING = "training"  # the phase
-MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
+MOST_WAITING = 12  # reports, evaluations, with a copy of the learner's state, and their pictures
 # iterations between reads of the metrics, each of which waits for the GPU, and seconds, at most
 REPORT_EVERY, REPORT_SECONDS = 10, 1.0
 EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are spaced by their cost

@@ -59,7 +59,7 @@ class Display(Live):
                 f"number of processes: {processes} instead of {progress.processes}, so worlds "
                 "start anew"
             )
-        if progress.env_steps and progress.best_selection is None:
+        if progress.hypervolume and progress.best_selection is None:
             yield (
                 "evaluations are not those of the run so far: its record of the best checkpoint "
                 "begins anew"
