@@ -91,10 +91,10 @@ class Session:
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the learner's config, and yield each evaluation.
 
-        The first evaluation comes before training, unless that is SHORT. A thread writes the run's folder while training
-        goes on, so the learner may be ahead of an evaluation when it is yielded. However training
-        ends, everything evaluated so far is written first, so the iterator may be closed at any
-        time.
+        The first evaluation comes before training, unless that is SHORT. A thread writes the run's
+        folder while training goes on, so the learner may be ahead of an evaluation when it is
+        yielded. However training ends, everything evaluated so far is written first, so the
+        iterator may be closed at any time.
 
         `total_seconds` count from `began`, a value of `time.perf_counter()`. After each iteration,
         `stopped` is asked whether to stop.
@@ -183,7 +183,7 @@ class Session:
             writer.put(partial(self._output.log_scalars, scalars, learner.env_steps))
 
     def _evaluate(self, began: float) -> Iterator[Job]:
-        """Evaluate, copy the learner's state, and yield jobs: to measure and write both, to draw."""
+        """Evaluate, copy the learner's state, and yield jobs that write both, then pictures."""
         learner, progress, run = self.learner, self.progress, self._output
         fronts = self.evaluator.evaluate_sets()
         if fronts[0].blowups is not None and fronts[0].blowups.all():
