@@ -19,11 +19,9 @@ from .terminal.process import BEGAN, interruptible, is_command
 
 
 def command(arguments: Sequence[str]) -> None:
-    began = time.perf_counter()
-    if is_command():
-        began = BEGAN
-        if not {"-h", "--help"} & set(arguments):  # importing torch takes seconds
-            cli.console.print(f"starting: train {shlex.join(arguments)}")
+    began = BEGAN if is_command() else time.perf_counter()
+    if is_command() and not {"-h", "--help"} & set(arguments):  # importing torch takes seconds
+        cli.console.print(f"starting: train {shlex.join(arguments)}")
     config, run, start = read(arguments)
     if run is not None and (limit := run.limit_reached(config)):
         cli.console.print(
@@ -64,7 +62,7 @@ def command(arguments: Sequence[str]) -> None:
             while page.poll() is None and not interrupted():
                 time.sleep(0.1)
     if ended:
-        interrupted.exit()
+        sys.exit(128 + interrupted.signal)  # as a program that the signal ended
 
 
 def _page(run: Path) -> subprocess.Popen:

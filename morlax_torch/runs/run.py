@@ -48,13 +48,6 @@ LOCK = "train.lock"
 PATIENCE = 0.2  # s that training waits for a lock, which `is_training` may hold for a moment
 
 
-def taken(folder: Path) -> MorlaxError:
-    return MorlaxError(
-        f"{folder} exists already: choose another --output, or continue the run with "
-        f"--resume {folder}."
-    )
-
-
 class Run:
     """`runs/<task>/<time>-<seed>/`, complete from the moment it exists.
 
@@ -103,7 +96,10 @@ class Run:
                 break
             except Taken:
                 if output is not None:
-                    raise taken(folder) from None
+                    raise MorlaxError(
+                        f"{folder} exists already: choose another --output, or continue the run "
+                        f"with --resume {folder}."
+                    ) from None
         run = cls(folder)
         run._acquire()
         learner.group.first(str(folder))
@@ -248,8 +244,15 @@ class Run:
                 self._events.add_scalar(tag, value, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, config: Config) -> None:
+        """Write an evaluation's row and TensorBoard's values. docs/training.md lists the tags."""
+        scalars = evaluation.scalars
         with attempting(self._writing):
-            self._write_events(evaluation, config)
+            if not self._rows:
+                self._log_hyperparameters(scalars)
+            if target := config.fitting_target:
+                scalars["front/hypervolume_target"] = target
+            self.log_scalars(scalars, evaluation.env_steps)
+            self._events.flush()
         self._rows.append(evaluation.row())
         self._write_rows()
 
@@ -273,16 +276,6 @@ class Run:
         writer.add_custom_scalars({"front": {"hypervolume": ["Multiline", ["front/"]]}})
         return writer
 
-    def _write_events(self, evaluation: Evaluation, config: Config) -> None:
-        """Write an evaluation to TensorBoard. docs/training.md lists the tags."""
-        steps = evaluation.env_steps
-        if not self._rows:
-            self._log_hyperparameters(evaluation.scalars)
-        self.log_scalars(evaluation.scalars, steps)
-        if target := config.fitting_target:
-            self.log_scalars({"front/hypervolume_target": target}, steps)
-        self._events.flush()
-
     def draw(self, front: Front, config: Config, env_steps: int) -> None:
         """Write pictures of the latest evaluation to TensorBoard, if it is a `milestone`."""
         if not milestone(len(self._rows) - 1):
@@ -294,7 +287,6 @@ class Run:
             for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
                 image = figures.pixels(draw(front, name))
                 self._events.add_image(f"views/{tag}", image, env_steps, dataformats="HWC")
-            self._events.flush()
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:
         """Fill the HPARAMS tab, first with options that differ from the task's config."""

@@ -119,11 +119,9 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             raise  # of code that is not ours, such as a user's robot
         fail(f"cannot use {error.filename}: {error.strerror}.")
     except (AttributeError, MemoryError, RuntimeError) as error:
-        if sentence := _unusable_opengl(error):
-            fail(sentence)
         from ...host.resources import shortage_of_memory  # imports torch
 
-        if sentence := shortage_of_memory(error):
+        if sentence := _unusable_opengl(error) or shortage_of_memory(error):
             fail(sentence)
         raise
 
