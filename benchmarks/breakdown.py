@@ -29,7 +29,8 @@ PARTS = {  # first words of phases
     "exit": "write the rest, exit",
 }
 TRAINING = """
-import csv, os, sys, time
+import csv, os, time
+from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.host.phases import heard_by
 from morlax_torch.train import train
@@ -37,12 +38,14 @@ marks = [("import", float(os.environ["BEGAN"]))]
 def note(name, share):
     if name.split()[0] != marks[-1][0]:
         marks.append((name.split()[0], time.time()))
-with heard_by(note):
-    config, run, output = read(sys.argv[2:])
-    train(config, run, output)
-marks.append(("exit", time.time()))
-with open(sys.argv[1], "w", newline="") as file:
-    csv.writer(file).writerows(marks)
+def command(words):
+    with heard_by(note):
+        config, run, start = read(words)
+        train(config, run, start.output)
+    marks.append(("exit", time.time()))
+    with open(os.environ["MARKS"], "w", newline="") as file:
+        csv.writer(file).writerows(marks)
+cli.run(command)
 """
 
 
@@ -78,14 +81,16 @@ def main(
 def measured(task: str, seconds: float, seed: int) -> dict[str, float]:
     """Train in a process; returns the seconds of each part."""
     with tempfile.TemporaryDirectory() as folder:
-        marks, words = f"{folder}/marks.csv", ["--env", task, "--max-seconds", str(seconds)]
-        words += ["--seed", str(seed), "--output", f"{folder}/run"]
+        # a script of this name begins and ends as the command does
+        marks, script = Path(folder, "marks.csv"), Path(folder, "morlax")
+        script.write_text(TRAINING)
+        words = ["--env", task, "--max-seconds", str(seconds), "--seed", str(seed)]
+        command = [sys.executable, str(script), *words, "--output", f"{folder}/run"]
         began = time.time()
-        environment = {**os.environ, "BEGAN": str(began)}
-        command = [sys.executable, "-c", TRAINING, marks, *words]
+        environment = {**os.environ, "BEGAN": str(began), "MARKS": str(marks)}
         subprocess.run(command, env=environment, check=True)
         ended = time.time()
-        with open(marks, newline="") as file:
+        with marks.open(newline="") as file:
             times = [(name, float(at)) for name, at in csv.reader(file)]
     spent: dict[str, float] = {}
     for (name, start), (_, end) in zip(times, [*times[1:], ("", ended)], strict=True):

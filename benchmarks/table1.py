@@ -55,7 +55,7 @@ class Row(NamedTuple):
     max_seconds: float
     seed: int
     command_seconds: float  # from the command's start to its exit
-    first_row_seconds: float  # from its start to the evaluation at step 0
+    first_row_seconds: float  # to its first evaluation: step 0, or a short run's end
     env_steps: int
     hypervolume: float  # of the new evaluation
     printed_hypervolume: float  # of the best checkpoint, as the command printed it
@@ -169,7 +169,7 @@ def markdown(rows: Sequence[Row], seeds: int) -> str:
     """Format the shortest limit that reaches each target, with "median (minimum - maximum)"."""
     lines = [
         "| task | target | --max-seconds | hypervolume | from Enter to exit (s) | "
-        "to the row of step 0 (s) | steps/s |",
+        "to the first row (s) | steps/s |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     groups: dict[tuple[str, float], list[Row]] = {}

@@ -1,5 +1,6 @@
 """Train a run in the terminal."""
 
+import gc
 import os
 import shlex
 import subprocess
@@ -18,11 +19,9 @@ from .terminal.process import BEGAN, interruptible, is_command
 
 
 def command(arguments: Sequence[str]) -> None:
-    began = time.perf_counter()
-    if is_command():
-        began = BEGAN
-        if not {"-h", "--help"} & set(arguments):  # importing torch takes seconds
-            cli.console.print(f"starting: train {shlex.join(arguments)}")
+    began = BEGAN if is_command() else time.perf_counter()
+    if is_command() and not {"-h", "--help"} & set(arguments):  # importing torch takes seconds
+        cli.console.print(f"starting: train {shlex.join(arguments)}")
     config, run, start = read(arguments)
     if run is not None and (limit := run.limit_reached(config)):
         cli.console.print(
@@ -38,6 +37,7 @@ def command(arguments: Sequence[str]) -> None:
 
             files()  # refuses without the extra
         session = Session.of(config, run, start.output)
+        gc.freeze()  # else collections, which stop training, would look through all libraries
     assert session.run is not None
     gather, ended = session.learner.group.gather, False
 
@@ -62,7 +62,7 @@ def command(arguments: Sequence[str]) -> None:
             while page.poll() is None and not interrupted():
                 time.sleep(0.1)
     if ended:
-        interrupted.exit()
+        sys.exit(128 + interrupted.signal)  # as a program that the signal ended
 
 
 def _page(run: Path) -> subprocess.Popen:

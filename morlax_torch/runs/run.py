@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cached_property
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -45,13 +46,6 @@ if TYPE_CHECKING:
 
 LOCK = "train.lock"
 PATIENCE = 0.2  # s that training waits for a lock, which `is_training` may hold for a moment
-
-
-def taken(folder: Path) -> MorlaxError:
-    return MorlaxError(
-        f"{folder} exists already: choose another --output, or continue the run with "
-        f"--resume {folder}."
-    )
 
 
 class Run:
@@ -102,7 +96,10 @@ class Run:
                 break
             except Taken:
                 if output is not None:
-                    raise taken(folder) from None
+                    raise MorlaxError(
+                        f"{folder} exists already: choose another --output, or continue the run "
+                        f"with --resume {folder}."
+                    ) from None
         run = cls(folder)
         run._acquire()
         learner.group.first(str(folder))
@@ -247,8 +244,15 @@ class Run:
                 self._events.add_scalar(tag, value, env_steps)
 
     def log_evaluation(self, evaluation: Evaluation, config: Config) -> None:
+        """Write an evaluation's row and TensorBoard's values. docs/training.md lists the tags."""
+        scalars = evaluation.scalars
         with attempting(self._writing):
-            self._write_events(evaluation, config)
+            if not self._rows:
+                self._log_hyperparameters(scalars)
+            if target := config.fitting_target:
+                scalars["front/hypervolume_target"] = target
+            self.log_scalars(scalars, evaluation.env_steps)
+            self._events.flush()
         self._rows.append(evaluation.row())
         self._write_rows()
 
@@ -262,7 +266,7 @@ class Run:
 
     @cached_property
     def _events(self) -> "SummaryWriter":
-        from torch.utils.tensorboard import SummaryWriter  # loads slowly
+        from torch.utils.tensorboard import SummaryWriter
 
         writer = SummaryWriter(str(self.folder), purge_step=self._purge_step)
         for file in ("config.yaml", HARDWARE):
@@ -272,22 +276,17 @@ class Run:
         writer.add_custom_scalars({"front": {"hypervolume": ["Multiline", ["front/"]]}})
         return writer
 
-    def _write_events(self, evaluation: Evaluation, config: Config) -> None:
-        """Write an evaluation to TensorBoard. docs/training.md lists the tags."""
-        steps, number = evaluation.env_steps, len(self._rows)
-        if number == 0:
-            self._log_hyperparameters(evaluation.scalars)
-        self.log_scalars(evaluation.scalars, steps)
-        if target := config.fitting_target:
-            self.log_scalars({"front/hypervolume_target": target}, steps)
-        if milestone(number):
-            from ..evaluation import figures  # matplotlib loads slowly
+    def draw(self, front: Front, config: Config, env_steps: int) -> None:
+        """Write pictures of the latest evaluation to TensorBoard, if it is a `milestone`."""
+        if not milestone(len(self._rows) - 1):
+            return
+        from ..evaluation import figures
 
-            name = f"{title(config.env)} after {steps / 1e6:.1f} M steps"
+        name = f"{title(config.env)} after {env_steps / 1e6:.1f} M steps"
+        with attempting(self._writing):
             for tag, draw in (("front", figures.front_figure), ("returns", figures.returns_figure)):
-                image = figures.pixels(draw(evaluation.front, name))
-                self._events.add_image(f"views/{tag}", image, steps, dataformats="HWC")
-        self._events.flush()
+                image = figures.pixels(draw(front, name))
+                self._events.add_image(f"views/{tag}", image, env_steps, dataformats="HWC")
 
     def _log_hyperparameters(self, tags: Iterable[str]) -> None:
         """Fill the HPARAMS tab, first with options that differ from the task's config."""
@@ -320,6 +319,12 @@ class Run:
         except MorlaxError:
             if kind is None or issubclass(kind, GeneratorExit):
                 raise  # else on a full disk this error would hide the first one
+
+
+def load_libraries() -> None:
+    """Import what a `Run` imports late, because it loads slowly."""
+    import_module(".evaluation.figures", "morlax_torch")
+    import_module("torch.utils.tensorboard")
 
 
 def milestone(number: int) -> bool:

@@ -27,17 +27,18 @@ from ..host.torchrun import launch
 from . import checkpoint
 from .loading import start_from
 from .progress import Evaluation, Progress
-from .run import Run
+from .run import Run, load_libraries
 
 UNSTABLE = (
     "numbers of the simulation or the reward are not finite or far too large, so nothing can be "
     "learned: check the task's rewards and observations, or use a smaller time step in its MJCF"
 )
 TRAINING = "training"  # the phase
-MOST_WAITING = 8  # reports and evaluations, each with a copy of the learner's state, to be written
+MOST_WAITING = 12  # reports, evaluations, with a copy of the learner's state, and their pictures
 # iterations between reads of the metrics, each of which waits for the GPU, and seconds, at most
 REPORT_EVERY, REPORT_SECONDS = 10, 1.0
 EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are spaced by their cost
+SHORT = 10.0  # seconds of training, below which only trained policies are evaluated
 MEASURED = {"env_steps", "train_seconds", "total_seconds", "steps_per_second", "blowups"}
 HYPERVOLUMES = {"hypervolume", "best_hypervolume", "best_selection"}  # of `Progress`, as MEASURED
 
@@ -90,10 +91,10 @@ class Session:
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the learner's config, and yield each evaluation.
 
-        The first evaluation comes before training. A thread writes the run's folder while training
-        goes on, so the learner may be ahead of an evaluation when it is yielded. However training
-        ends, everything evaluated so far is written first, so the iterator may be closed at any
-        time.
+        The first evaluation comes before training, unless that is SHORT. A thread writes the run's
+        folder while training goes on, so the learner may be ahead of an evaluation when it is
+        yielded. However training ends, everything evaluated so far is written first, so the
+        iterator may be closed at any time.
 
         `total_seconds` count from `began`, a value of `time.perf_counter()`. After each iteration,
         `stopped` is asked whether to stop.
@@ -111,6 +112,8 @@ class Session:
             try:
                 learner.compile()
                 self.evaluator.compile()
+                if run:  # while the GPU is evaluating
+                    writer.put(load_libraries)
                 while True:
                     interrupted = stopped()
                     over = interrupted or schedule.over()
@@ -119,7 +122,8 @@ class Session:
                     interrupted, over, due = group.first((interrupted, over, due))
                     if due and evaluated != learner.iteration:
                         evaluated, start = learner.iteration, time.perf_counter()
-                        writer.put(self._evaluate(began))
+                        for job in self._evaluate(began):
+                            writer.put(job)
                         schedule.evaluated(time.perf_counter() - start)
                     yield from writer.results(all_of_them=over)
                     if over:
@@ -178,8 +182,8 @@ class Session:
         if self._output:
             writer.put(partial(self._output.log_scalars, scalars, learner.env_steps))
 
-    def _evaluate(self, began: float) -> Job:
-        """Evaluate, copy the learner's state, and return a job that measures and writes both."""
+    def _evaluate(self, began: float) -> Iterator[Job]:
+        """Evaluate, copy the learner's state, and yield jobs that write both, then pictures."""
         learner, progress, run = self.learner, self.progress, self._output
         fronts = self.evaluator.evaluate_sets()
         if fronts[0].blowups is not None and fronts[0].blowups.all():
@@ -192,17 +196,15 @@ class Session:
         now = progress.model_copy(update={"env_steps": learner.env_steps})
         # of several processes, each copies its own state
         contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
+        number = bodies(learner.config)
+        front = fronts[0].parts(number)[0]
 
         def work() -> Evaluation:
-            number = bodies(learner.config)
-            front = fronts[0].parts(number)[0]
             reported, *selecting = (mean_indicators(each.parts(number)) for each in fronts)
-            if run:
-                mark = checkpoint.fingerprint(contents["learner"]["agent"])
-                front = front._replace(fingerprint=mark)
+            mark = checkpoint.fingerprint(contents["learner"]["agent"]) if run else None
             evaluation = Evaluation(
                 iteration,
-                front=front,
+                front=front._replace(fingerprint=mark),
                 indicators=reported,
                 selection=selecting[0] if selecting else None,
                 **now.model_dump(include=MEASURED),
@@ -215,7 +217,9 @@ class Session:
                 run.save(contents, now.model_copy(update=hypervolumes), evaluation)
             return evaluation
 
-        return work
+        yield work
+        if run:  # once the row is told
+            yield partial(run.draw, front, learner.config, now.env_steps)
 
     def _check(self, metrics: dict[str, float], first: int, all_blew_up: bool) -> None:
         learner = self.learner
@@ -251,11 +255,16 @@ def bodies(config: Config) -> int:  # that evaluations have
     return config.evaluation.designs if config.sampling.designs else 1
 
 
+def is_short(config: Config) -> bool:
+    """Return whether training is over before untrained policies would be worth an evaluation."""
+    return config.evaluation.every is None and (config.max_seconds or math.inf) < SHORT
+
+
 class Schedule:
     """The limits of a learner's config, in iterations and seconds.
 
     Evaluations come at the config's interval, else so that they take about EVALUATION_SHARE of the
-    training loop's time. `progress` is read live.
+    training loop's time; of SHORT training, only at its end. `progress` is read live.
     """
 
     def __init__(self, learner: Learner, progress: Progress):
@@ -266,7 +275,7 @@ class Schedule:
         self._interval: int | None = None  # iterations between evaluations; None: seconds decide
         if config.evaluation.every is not None:
             self._interval = max(1, config.evaluation.every // learner.steps_per_iteration)
-        self._next_second = progress.train_seconds
+        self._next_second = math.inf if is_short(config) else progress.train_seconds
         self._expects_cost = env.device.type == "cuda" and not env.recordable
 
     def over(self) -> bool:

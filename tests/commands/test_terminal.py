@@ -11,7 +11,7 @@ import torch
 from pydantic import BaseModel
 from rich.console import Console
 from rich.text import Text
-from tiny import tiny
+from tiny import TYPED, tiny
 
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
@@ -20,7 +20,7 @@ from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.configuration.config import Config, config_class, flat
 from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.host.phases import phase, within
-from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.progress import Progress, read_rows
 from morlax_torch.runs.training import TRAINING
 from morlax_torch.train import train
 
@@ -90,6 +90,15 @@ def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, ca
     contents["progress"]["evaluated"] = False
     torch.save(contents, latest)
     assert run.limit_reached(tiny()) is None  # the last evaluation is missing
+
+
+def test_a_run_of_seconds_says_that_it_is_evaluated_only_at_its_end(tmp_path, capsys):
+    limits = "--max-seconds", "0.1", "--max-env-steps", "1_000_000_000"
+    command(["train", "--env", "hopper", *TYPED, *limits, "--output", str(tmp_path / "run")])
+    text = capsys.readouterr().out
+    assert text.count("training takes less than 10 s, so it is evaluated only at its end\n") == 1
+    (row,) = read_rows(tmp_path / "run" / "metrics.csv")
+    assert float(row["train_seconds"]) >= 0.1 and row["best"] == "1"
 
 
 def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, capsys):

@@ -20,7 +20,7 @@ from ...envs.errors import MorlaxWarning, words
 from ...host.phases import heard_by
 from ...host.torchrun import FIRST, SEVERAL
 from ...host.version import __version__
-from .process import INTERRUPTED, exit_when_stuck, exiting_on_signals
+from .process import INTERRUPTED, exit_when_stuck, exiting_on_signals, is_command
 
 GRACE = 2.0  # seconds
 ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
@@ -96,9 +96,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             exit_when_stuck()
         with exiting_on_signals():
             main(arguments)
-        torch = sys.modules.get("torch")
-        # freeing CUDA's memory would take a second
-        if SEVERAL or (torch is not None and torch.cuda.is_initialized()):
+        if SEVERAL or is_command():  # tearing torch, Warp and CUDA down would take seconds
             skip_teardown()
         sys.stdout.flush()
     except SystemExit as ended:
@@ -121,18 +119,16 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             raise  # of code that is not ours, such as a user's robot
         fail(f"cannot use {error.filename}: {error.strerror}.")
     except (AttributeError, MemoryError, RuntimeError) as error:
-        if sentence := _unusable_opengl(error):
-            fail(sentence)
         from ...host.resources import shortage_of_memory  # imports torch
 
-        if sentence := shortage_of_memory(error):
+        if sentence := _unusable_opengl(error) or shortage_of_memory(error):
             fail(sentence)
         raise
 
 
 def _prepare() -> None:
     """Set how this process collects garbage, waits for threads, and prints warnings."""
-    gc.set_threshold(100_000)  # looking for cycles takes a third of importing torch
+    gc.set_threshold(1_000_000)  # looking for cycles takes a third of importing libraries
     # On a busy machine, threads that wait for each other hold cores that others need. GNU's OpenMP,
     # which torch has on Linux, reads this when torch is imported.
     set_by_user = {"OMP_WAIT_POLICY", "OMP_NUM_THREADS", "GOMP_SPINCOUNT"} & os.environ.keys()

@@ -11,7 +11,7 @@ from ...evaluation.front import hypervolume_in
 from ...reports.verdict import unreached
 from ...runs.progress import Evaluation, Progress
 from ...runs.references import NAMES_CODE
-from ...runs.training import TRAINING
+from ...runs.training import SHORT, TRAINING, is_short
 from .cli import Live, console, print_command
 from .process import typed
 
@@ -59,13 +59,15 @@ class Display(Live):
                 f"number of processes: {processes} instead of {progress.processes}, so worlds "
                 "start anew"
             )
-        if progress.env_steps and progress.best_selection is None:
+        if progress.hypervolume and progress.best_selection is None:
             yield (
                 "evaluations are not those of the run so far: its record of the best checkpoint "
                 "begins anew"
             )
         if env.simulator == "mjlab" and env.device.type == "cpu":
             yield "on a CPU, mjlab takes a few hundred steps per second: use a GPU to train"
+        if is_short(config):
+            yield f"training takes less than {SHORT:.0f} s, so it is evaluated only at its end"
         if env.simulator == "MuJoCo Warp":
             yield "compiling kernels: up to a minute the first time on a machine"
 

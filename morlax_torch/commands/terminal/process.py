@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import cache_from_source, find_spec
 from itertools import pairwise
-from typing import Any, NoReturn
+from typing import Any
 
 BEGAN = time.perf_counter()  # almost when the process began: the package imports this module first
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C ended
@@ -80,10 +80,6 @@ class Interruption:
 
     def __call__(self) -> bool:
         return self.signal != 0
-
-    def exit(self) -> NoReturn:
-        """Exit with the status of a program that the signal ended."""
-        sys.exit(128 + self.signal)
 
 
 @contextmanager
