@@ -19,6 +19,11 @@ class Schedule(NamedTuple):
     weights: np.ndarray  # (..., k, m)
     name: str = ""
 
+    @classmethod
+    def constant(cls, tradeoff: Sequence[float]) -> Self:
+        """Return one that never changes; the weights need not sum to one."""
+        return cls(np.zeros(1), np.array([tradeoff]) / sum(tradeoff))
+
     def at(self, seconds: float) -> np.ndarray:
         """Return the trade-off (..., m) of a time; outside all knots, that of the nearest."""
         shares = [np.interp(seconds, self.times, knot) for knot in np.eye(len(self.times))]
@@ -43,7 +48,7 @@ class Schedule(NamedTuple):
             valid = False
         if not valid:
             raise MorlaxError(
-                f"{file} is no trade-off over time of this run: it needs `times`, two or more "
-                f"rising seconds, and `weights`, as many for each of {', '.join(objectives)}."
+                f"{file} is no trade-off over time: it needs `times`, two or more rising seconds, "
+                f"and `weights`, as many for each of {', '.join(objectives)}."
             )
-        return cls(times, weights, str(values.get("name", "")))
+        return cls(times, weights / weights.sum(1, keepdims=True), str(values.get("name", "")))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import AliasPath, BaseModel, Field, model_validator
 
 from ...configuration.files import read_yaml
+from ...configuration.schedules import Schedule
 from ...envs import MorlaxError
 from ...envs.errors import line, unknown, validated
 from ...envs.worlds.trees import base_of
@@ -132,6 +133,7 @@ class Export(NamedTuple):
     model: mujoco.MjModel
     policy: Path
     motion: Motion | None = None
+    tradeoff: Schedule | None = None  # over the time of a motion; None: random, or steered
 
 
 def open_export(path: Path) -> Export:
@@ -202,6 +204,8 @@ class Robot:
 
     Without disturbances, its friction is the model's, and a step equals one of mjlab.
     """
+
+    seconds = 0.0  # since a motion began
 
     def __init__(
         self,
