@@ -158,7 +158,7 @@ export class Panel {
     const follows = Boolean(about.motion);
     const has = { command: about.velocities, contacts: engine.can.contacts, ghost: follows, errors: follows };
     const offered = Object.keys(KINDS).filter((kind) => has[kind] ?? true);
-    const explain = () => ($("errors").hidden = !["ghost", "errors"].every((kind) => has[kind] && stage.shown.has(kind)));
+    const explain = () => ($("errors").hidden = !(follows && stage.shown.has("ghost") && stage.shown.has("errors")));
     const boxes = offered.map((kind) => {
       const box = html("input", { type: "checkbox", checked: stage.shown.has(kind) });
       box.addEventListener("change", () => (stage.shown[box.checked ? "add" : "delete"](kind), explain()));
