@@ -3,18 +3,13 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from rich.table import Column, Table
 
-from ..envs import MorlaxError
 from ..envs.worlds.options import Section
 from .terminal import cli
 from .terminal.arguments import Positional, arg, parse
-
-if TYPE_CHECKING:
-    from ..configuration.schedules import Schedule
-    from ..viewers.playing.robot import Export
 
 Pair = Annotated[tuple[float, float], arg(metavar="LOW HIGH")]
 
@@ -24,8 +19,9 @@ class Play(Section):
 
     Without --episodes, a window shows the robot in real time, and keys steer it. Without a display,
     a film is written. Commands are random in films and episodes, and the trade-off slides between
-    random points unless one is given. A tour is scored like the public teleop-walking-benchmark scores the G1. A policy
-    that follows a motion starts in its first pose and stands for 2 s in its last one.
+    random points unless one is given. A tour is scored like the public teleop-walking-benchmark
+    scores the G1. A policy that follows a motion starts in its first pose and stands for 2 s in its
+    last one.
     """
 
     export: Annotated[Path, Positional, arg(metavar="EXPORT")]
@@ -40,7 +36,7 @@ class Play(Section):
     """Number of runs of a tour; their random seeds are 0, 1, and so on."""
     tradeoff: Annotated[str | None, arg(metavar="0.7,0.3")] = None
     """Weight of each objective, or FILE.yaml of a trade-off over the time of a motion (None: random,
-    or yours in a window, which begins with the same for all, as does a tour)."""
+    or in a tour and at first in a window, the same for all)."""
     seconds: float | None = None
     """Duration of an episode or film, or after which the window closes (None: 30 in episodes, 90 in
     a tour, 5 in a film, all of a motion, no limit in a window)."""
@@ -69,10 +65,7 @@ def command(arguments: Sequence[str]) -> None:
 
     seconds, seed = options.seconds, options.seed
     strengths = Disturbances(options.delay, options.noise, options.push, options.friction)
-    deployment = open_export(options.export)
-    if options.tradeoff is not None:
-        tradeoff = _tradeoff(options.tradeoff, deployment)
-        deployment = deployment._replace(tradeoff=tradeoff)
+    deployment = open_export(options.export, options.tradeoff)
     if options.tour:
         from ..viewers.playing.tour import WALK, score
 
@@ -102,23 +95,6 @@ def command(arguments: Sequence[str]) -> None:
             falls = film(deployment, strengths, file, length, seed)
         cli.console.print(f"written: {file}")
     cli.console.print(f"falls: {falls}")
-
-
-def _tradeoff(text: str, deployment: "Export") -> "Schedule":
-    """Read a trade-off, or one over the time of a motion."""
-    from ..configuration.schedules import Schedule
-
-    objectives = deployment.settings.objectives
-    if not text.endswith(".yaml"):
-        from ..configuration.tradeoffs import parse_tradeoff  # imports torch
-
-        return Schedule.constant(parse_tradeoff(text, objectives))
-    if deployment.motion is None:
-        raise MorlaxError(
-            f"{text} is over the time of a motion, which {deployment.policy} does not follow: give "
-            "--tradeoff one weight per objective."
-        )
-    return Schedule.load(text, objectives)
 
 
 def _table(episodes: Sequence, follows: bool) -> Table:

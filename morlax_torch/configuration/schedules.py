@@ -19,11 +19,6 @@ class Schedule(NamedTuple):
     weights: np.ndarray  # (..., k, m)
     name: str = ""
 
-    @classmethod
-    def constant(cls, tradeoff: Sequence[float]) -> Self:
-        """Return one that never changes; the weights need not sum to one."""
-        return cls(np.zeros(1), np.array([tradeoff]) / sum(tradeoff))
-
     def at(self, seconds: float) -> np.ndarray:
         """Return the trade-off (..., m) of a time; outside all knots, that of the nearest."""
         shares = [np.interp(seconds, self.times, knot) for knot in np.eye(len(self.times))]

@@ -12,8 +12,8 @@ from torch import Tensor, nn
 from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.files import write_record
-from ..configuration.sections import Protocol, RslRlOptions
 from ..configuration.schedules import Schedule
+from ..configuration.sections import Protocol, RslRlOptions
 from ..configuration.tradeoffs import parse_tradeoff
 from ..envs import MorlaxError, resolve_device
 from ..envs.errors import LONGEST, line, unknown

@@ -171,17 +171,17 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered():
 
 def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
     schedule = Schedule(np.array([0.0, 0.4]), np.array([[1.0, 0.0], [0.2, 0.8]]))
-    exhibit, player = RunExhibit(library.choose("hopper"), pytest.fail, schedule), None
+    exhibit = RunExhibit(library.choose("hopper"), pytest.fail, schedule)
     (robot,), player = exhibit.robots, Player(load("hopper"), schedule)
     for _ in range(30):
         robot.step()
         player.step()
         assert robot.told()["tradeoff"] == tuple(player.tradeoff.tolist())
     assert (robot.data.qpos == player.data.qpos).all()
-    assert 0.2 < robot.tradeoff[0] < 0.8 and exhibit.state()["follows"] is True
+    assert 0.2 < robot.tradeoff[0] < 0.8 and robot.told()["follows"] is True
     exhibit.react({"act": "steer", "weights": [3.0, 1.0]})
     play(robot, 0.2)
-    assert robot.tradeoff == (0.75, 0.25) and exhibit.state()["follows"] is False
+    assert robot.tradeoff == (0.75, 0.25) and robot.told()["follows"] is False
     press(exhibit, "follow")
     press(exhibit, "reset")
     robot.step()
@@ -190,8 +190,8 @@ def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
     play(robot, 0.5)
     assert robot.tradeoff == pytest.approx((0.2, 0.8))
     press(exhibit, "add")
-    assert exhibit.state()["follows"] is False  # the new robot keeps what the first one had
-    assert RunExhibit(library.choose("hopper"), pytest.fail).state()["follows"] is None
+    assert [each.told()["follows"] for each in exhibit.robots] == [True, False]
+    assert exhibit.robots[1].tradeoff == robot.tradeoff
 
 
 @pytest.mark.slow

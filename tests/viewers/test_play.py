@@ -13,7 +13,6 @@ import pytest
 import yaml
 
 from morlax_torch.commands import export, play
-from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.envs.bridges.mjlab.robot import motor
 from morlax_torch.envs.worlds.mujoco_robot import Deployment
 from morlax_torch.exports.deployment import deploy
@@ -146,7 +145,7 @@ def test_a_trade_off_changes_no_faster_than_its_limit(cart):
 
 
 def test_a_given_trade_off_holds_until_the_user_slides_it(cart, monkeypatch):
-    cart, seen, act = cart._replace(tradeoff=Schedule.constant((3.0, 1.0))), [], Policy.act
+    cart, seen, act = open_export(cart.policy, "3,1"), [], Policy.act
     monkeypatch.setattr(Policy, "act", lambda *given: seen.append(act(*given)) or seen[-1])
     run(cart, Disturbances((0, 0), 0, 0), 1, 10.0)
     np.testing.assert_allclose(seen, [[0.75, 0.25]] * 500)

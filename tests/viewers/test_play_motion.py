@@ -117,11 +117,10 @@ def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
 
 
 def test_a_trade_off_over_time_is_followed_at_the_phase(exported, refused, tmp_path, capsys):
-    deployment, file = open_export(exported[TASK]), tmp_path / "schedule.yaml"
-    names, m = deployment.settings.objectives, len(deployment.settings.objectives)
-    schedule = Schedule(np.array([0.0, 0.3, 0.6]), np.eye(m)[:3] + 0.1)
+    names, file = open_export(exported[TASK]).settings.objectives, tmp_path / "schedule.yaml"
+    schedule = Schedule(np.array([0.0, 0.3, 0.6]), np.eye(len(names))[:3] + 0.1)
     schedule.save(file, names)
-    deployment = deployment._replace(tradeoff=Schedule.load(str(file), names))
+    deployment = open_export(exported[TASK], str(file))
     robot, policy = robot_for(deployment), Policy(deployment)
     for _ in range(2):
         for frame in range(20):

@@ -162,10 +162,9 @@ class RunExhibit:
         self._put, self._scanned, self._looked = put, -SCAN, -LOOK
         self._labels: dict[str, str] = {}  # of runs to choose from
         self._measuring = self._reading = False
-        self._schedule = tradeoff if isinstance(tradeoff, Schedule) else None  # to follow again
         self._open(choice, Session.open(choice))
-        if self._schedule:
-            self._steered.schedule = self._schedule
+        if isinstance(tradeoff, Schedule):
+            self._steered.schedule, self._steered.follows = tradeoff, True
         elif tradeoff:
             self._steer(tradeoff)
 
@@ -203,8 +202,6 @@ class RunExhibit:
             "checkpoint": self._choice.checkpoint,
             "checkpoints": list(self._choice.files),
             "selected": self._selected,
-            # whether the selected robot follows the trade-off over time; null: there is none
-            "follows": self._schedule and self._steered.schedule is not None,
             "command": list(self._steered.player.command),
             "design": self._steered.design,
             "measured": not self._stale,
@@ -236,8 +233,7 @@ class RunExhibit:
                 session = Session.open(choice)
                 if session.objectives == steered.objectives:
                     session.tradeoff, session.schedule = steered.tradeoff, steered.schedule
-                else:
-                    self._schedule = None
+                    session.follows = steered.follows
                 if session.player.env.command_limits == steered.player.env.command_limits:
                     session.player.command = list(command)
                 if thresholds is not None:
@@ -265,7 +261,7 @@ class RunExhibit:
                 del self._sessions[self._selected]
                 self._selected = min(self._selected, len(self._sessions) - 1)
             case {"name": "follow"}:
-                steered.schedule = self._schedule
+                steered.follows = True
             case {"name": "free"} if thresholds is not None:
                 thresholds.stop()
             case {"name": "cancel"} if thresholds is not None:
@@ -294,7 +290,7 @@ class RunExhibit:
                 self._asking = None
 
     def _steer(self, weights: Sequence[float]) -> None:
-        self._steered.schedule = None
+        self._steered.follows = False
         self._steered.tradeoff = tuple(weight / sum(weights) for weight in weights)
 
     def _add(self) -> None:

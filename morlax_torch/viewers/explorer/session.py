@@ -30,18 +30,18 @@ WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of 
 class Session:
     """A robot and its trade-off.
 
-    Callers may set `tradeoff` at any time; a new one acts from the next control step. Unless it is
-    None, the `schedule` sets it to those over the time of an episode. `front` is
-    that of the policies, if it was evaluated. `opened` are the policies that it began with, the
-    same object for sessions that look alike and can stand side by side. `data` is the current
-    state, of an episode with `steps` so far; a step takes `dt` s. `ghost` is what the robot should
-    be, by its motion.
+    Callers may set `tradeoff` at any time; a new one acts from the next control step. If the robot
+    `follows` its `schedule`, that sets it. `front` is that of the policies, if it was evaluated.
+    `opened` are the policies that it began with, the same object for sessions that look alike and
+    can stand side by side. `data` is the current state, of an episode with `steps` so far; a step
+    takes `dt` s. `ghost` is what the robot should be, by its motion.
     """
 
     def __init__(self, policy: Policy, front: Front | None):
         self.objectives, self.front = policy.objectives, front
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.schedule: Schedule | None = None
+        self.follows = False
         self.player = player = Player(policy, self.tradeoff)
         self.model, self.data, self.dt = player.model, player.data, player.env.dt
         self.ghost = player.ghost
@@ -60,7 +60,7 @@ class Session:
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off and command."""
         twin = type(self)(self.player.policy, self.front)
-        twin.opened, twin.tradeoff = self.opened, self.tradeoff
+        twin.opened, twin.tradeoff, twin.schedule = self.opened, self.tradeoff, self.schedule
         twin.player.command = list(self.player.command)
         twin._clock, twin._due = self._clock, self._due
         return twin
@@ -110,8 +110,8 @@ class Session:
 
     def step(self) -> None:
         """Take one control step; if the episode is over, start a new one first."""
-        player, wanted = self.player, self.schedule or self.tradeoff
-        if wanted is not self._acting_on:
+        player, schedule = self.player, self.schedule if self.follows else None
+        if (wanted := schedule or self.tradeoff) is not self._acting_on:
             player.tradeoff = self._acting_on = wanted
         if player.over:
             self.last_episode = {
@@ -121,7 +121,7 @@ class Session:
             }
             self.reset()
         player.step()
-        if self.schedule:
+        if schedule:
             self.tradeoff = tuple(player.tradeoff.tolist())
         self.steps = player.steps
 
@@ -162,6 +162,7 @@ class Session:
         data = self.data
         return {
             "tradeoff": self.tradeoff,
+            "follows": self.schedule and self.follows,  # null: there is no trade-off over time
             "returns": _finite(self.player.returns),
             "counted": self.steps,
             "ended": self.last_episode,

@@ -15,7 +15,7 @@ export class Remote {
 
   static {
     // what the server tells; null where it tells nothing
-    for (const name of ["paused", "pace", "failure", "choosing", "asking", "bookmarks", "saving", "follows"]) {
+    for (const name of ["paused", "pace", "failure", "choosing", "asking", "bookmarks", "saving"]) {
       Object.defineProperty(Remote.prototype, name, { get() { return this.state[name] ?? null; } });
     }
     // what the server is asked for: only its answer shows it. `nudge` changes the command by a

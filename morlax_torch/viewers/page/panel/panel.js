@@ -95,8 +95,8 @@ export class Panel {
     showNames(engine);
     const { steered, robots, selected, asking, choosing, bookmarks } = engine;
     this.weights.show(steered.tradeoff);
-    $("follow").hidden = typeof engine.follows !== "boolean";
-    $("follow").setAttribute("aria-pressed", engine.follows);
+    $("follow").hidden = typeof steered.follows !== "boolean";
+    $("follow").setAttribute("aria-pressed", steered.follows);
     this.command?.show(engine.command);
     this.design?.show(engine.state.design);
     $("front-section").classList.toggle("stale", this.design !== undefined && !engine.state.measured);
