@@ -35,8 +35,8 @@ class Play(Section):
     tour_runs: int = 256
     """Number of runs of a tour; their random seeds are 0, 1, and so on."""
     tradeoff: Annotated[str | None, arg(metavar="0.7,0.3")] = None
-    """Weight of each objective, or FILE.yaml of a trade-off over the time of a motion (None: random,
-    or in a tour and at first in a window, the same for all)."""
+    """Weight of each objective, or FILE.yaml of a trade-off over the time of a motion (None: the
+    same for all in a tour and at first in a window, random otherwise)."""
     seconds: float | None = None
     """Duration of an episode or film, or after which the window closes (None: 30 in episodes, 90 in
     a tour, 5 in a film, all of a motion, no limit in a window)."""
