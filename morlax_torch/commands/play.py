@@ -69,7 +69,7 @@ def command(arguments: Sequence[str]) -> None:
     if options.tour:
         from ..viewers.playing.tour import WALK, score
 
-        weights = deployment.tradeoff and deployment.tradeoff.at(0.0)
+        weights = deployment.tradeoff and deployment.tradeoff.at(0.0).tolist()
         seconds = WALK if seconds is None else seconds
         with cli.Live():
             columns = score(options.export, options.tour_runs, weights, seconds)
