@@ -42,8 +42,9 @@ class Choose(OfRun, Limits):
     """Write a decision card: the requirement, the choice, its returns under pushes and with other
     friction, masses and motors, a film strip, and commands."""
     over_time: bool = False
-    """Find a trade-off that changes within an episode, and write it for record --tradeoff. A
-    requirement may hold for a window of time: "run=500 @ 3-5" for seconds 3 to 5."""
+    """Find a trade-off that changes within an episode, and write it for --tradeoff of record,
+    explore and play. A requirement may hold for a window of time: "run=500 @ 3-5" for seconds 3 to
+    5."""
     knots: int = Field(default=8, ge=2)
     """Points in time of a trade-off over time, linear in between; more if its windows need more."""
     slew: PositiveFloat = 2.0

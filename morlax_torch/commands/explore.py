@@ -20,7 +20,8 @@ class Explore(Trusting):
     """Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped policy (None:
     the first shipped policy, or the newest run if none is shipped)."""
     tradeoff: Annotated[str | None, arg(metavar="0.8,0.2")] = None
-    """Weights to open with, or @NAME of a bookmark (None: the balanced trade-off)."""
+    """Weights to open with, @NAME of a bookmark, or FILE.yaml of a trade-off over time, which moves
+    the sliders until you do (None: the balanced trade-off)."""
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
     """Address to listen on; 0.0.0.0 accepts connections from the whole network."""
     port: Annotated[int, arg(metavar="NUMBER")] = 8080
@@ -30,13 +31,13 @@ class Explore(Trusting):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Explore, arguments)
     with cli.Live():
-        from ..runs.loading import objectives_of, tradeoff_of, trust_run  # imports torch
+        from ..runs.loading import moving_tradeoff_of, objectives_of, trust_run  # imports torch
         from ..viewers.explorer import library
 
         run = options.run or library.first()
         trust_run(run, options.trust, options.env)
         choice, text = library.choose(run), options.tradeoff
-        tradeoff = None if text is None else tradeoff_of(text, run, objectives_of(run))
+        tradeoff = None if text is None else moving_tradeoff_of(text, run, objectives_of(run))
         import torch
 
         from ..host.files import runs

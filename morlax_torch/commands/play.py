@@ -19,8 +19,9 @@ class Play(Section):
 
     Without --episodes, a window shows the robot in real time, and keys steer it. Without a display,
     a film is written. Commands are random in films and episodes, and the trade-off slides between
-    random points. A tour is scored like the public teleop-walking-benchmark scores the G1. A policy
-    that follows a motion starts in its first pose and stands for 2 s in its last one.
+    random points unless one is given. A tour is scored like the public teleop-walking-benchmark
+    scores the G1. A policy that follows a motion starts in its first pose and stands for 2 s in its
+    last one.
     """
 
     export: Annotated[Path, Positional, arg(metavar="EXPORT")]
@@ -34,7 +35,8 @@ class Play(Section):
     tour_runs: int = 256
     """Number of runs of a tour; their random seeds are 0, 1, and so on."""
     tradeoff: Annotated[str | None, arg(metavar="0.7,0.3")] = None
-    """Weight of each objective in a tour (None: the same for all)."""
+    """Weight of each objective, or FILE.yaml of a trade-off over the time of a motion (None: the
+    same for all in a tour and at first in a window, random otherwise)."""
     seconds: float | None = None
     """Duration of an episode or film, or after which the window closes (None: 30 in episodes, 90 in
     a tour, 5 in a film, all of a motion, no limit in a window)."""
@@ -63,15 +65,12 @@ def command(arguments: Sequence[str]) -> None:
 
     seconds, seed = options.seconds, options.seed
     strengths = Disturbances(options.delay, options.noise, options.push, options.friction)
-    deployment = open_export(options.export)
+    deployment = open_export(options.export, options.tradeoff)
     if options.tour:
         from ..viewers.playing.tour import WALK, score
 
-        weights, seconds = None, WALK if seconds is None else seconds
-        if options.tradeoff is not None:
-            from ..configuration.tradeoffs import parse_tradeoff  # imports torch
-
-            weights = parse_tradeoff(options.tradeoff, deployment.settings.objectives)
+        weights = deployment.tradeoff and deployment.tradeoff.at(0.0).tolist()
+        seconds = WALK if seconds is None else seconds
         with cli.Live():
             columns = score(options.export, options.tour_runs, weights, seconds)
         table = Table("column", Column(f"{options.tour_runs} runs", justify="right"))

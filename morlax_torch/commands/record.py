@@ -51,19 +51,13 @@ class Record(OfRun):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Record, arguments)
     with cli.Live():
-        from ..configuration.schedules import Schedule
         from ..runs import loading  # imports torch
         from ..runs.progress import kept_fronts
         from ..viewers.filming.growth import Growth
         from ..viewers.filming.recording import Sweep, record
 
         run, objectives = options.run, loading.objectives_of(options.run)
-        tradeoffs = [
-            Schedule.load(text, objectives)
-            if text.endswith(".yaml")
-            else loading.tradeoff_of(text, run, objectives)
-            for text in options.tradeoff
-        ]
+        tradeoffs = [loading.moving_tradeoff_of(text, run, objectives) for text in options.tradeoff]
         policy = loading.load(run, trust=options.trust, env=options.env)
         folder = loading.own_folder(run)
         usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")

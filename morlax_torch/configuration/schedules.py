@@ -43,7 +43,7 @@ class Schedule(NamedTuple):
             valid = False
         if not valid:
             raise MorlaxError(
-                f"{file} is no trade-off over time of this run: it needs `times`, two or more "
-                f"rising seconds, and `weights`, as many for each of {', '.join(objectives)}."
+                f"{file} is no trade-off over time: it needs `times`, two or more rising seconds, "
+                f"and `weights`, as many for each of {', '.join(objectives)}."
             )
-        return cls(times, weights, str(values.get("name", "")))
+        return cls(times, weights / weights.sum(1, keepdims=True), str(values.get("name", "")))

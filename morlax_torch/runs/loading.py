@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.files import write_record
+from ..configuration.schedules import Schedule
 from ..configuration.sections import Protocol, RslRlOptions
 from ..configuration.tradeoffs import parse_tradeoff
 from ..envs import MorlaxError, resolve_device
@@ -334,6 +335,15 @@ def tradeoff_of(text: str, run: AnyPath, objectives: Sequence[str]) -> tuple[flo
             raise unknown(f"bookmark of {run}", name, stored)
         text = ",".join(map(repr, stored[name]))
     return parse_tradeoff(text, objectives)
+
+
+def moving_tradeoff_of(
+    text: str, run: AnyPath, objectives: Sequence[str]
+) -> tuple[float, ...] | Schedule:
+    """Parse a trade-off, or load FILE.yaml of one over time, or raise MorlaxError."""
+    if text.endswith(".yaml"):
+        return Schedule.load(text, objectives)
+    return tradeoff_of(text, run, objectives)
 
 
 def start_from(run: str, learner: Learner) -> None:

@@ -22,6 +22,7 @@ from matplotlib.colors import to_rgb
 from tiny import TYPED
 
 from morlax_torch.commands import explore, train
+from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import loading
 
@@ -525,6 +526,63 @@ def test_shapes_match_mujoco_volumes_and_bounds(visit):
         bounds = [found[geom]["low"], found[geom]["high"]]
         np.testing.assert_allclose(bounds, [center - half, center + half], atol=5e-3)
     assert found[len(volumes)] is None
+
+
+TINTED = """
+  const { Robot } = await load('stage/robot.js');
+  const [model, shifts, shown] = given;
+  for (const [name, x] of Object.entries(model)) {
+    if (Array.isArray(x)) model[name] = Float64Array.from(x);
+  }
+  const robot = new Robot(model, 1, null);
+  const turns = new Float32Array(4 * shifts.length);
+  const at = (xs) => ({ places: Float32Array.from(xs.flatMap((x) => [x, 0, 0])), turns });
+  const pose = { ...at(shifts.map(() => 0)), ghost: at(shifts) };
+  return shown.map((names) => {
+    robot.pose(pose, pose, 1, new Set(names));
+    const geoms = robot.bodies.flatMap(({ children }) => children);
+    const colors = geoms.map(({ material }) => material.color.getHexString());
+    return [colors, robot.ghost.map(({ visible }) => visible)];
+  });"""
+
+
+@pytest.mark.slow
+def test_bodies_show_by_color_how_far_they_are_from_the_motion(visit):
+    body = '<body><geom size=".1" rgba="1 1 1 1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{5 * body}</worldbody></mujoco>")
+    names = [name for name in dir(model) if name.startswith(("geom_", "mesh_"))]
+    arrays = {name: getattr(model, name) for name in names}
+    plain = {k: v.ravel().tolist() for k, v in arrays.items() if isinstance(v, np.ndarray)}
+    sizes, shown = {"ngeom": model.ngeom, "nbody": model.nbody}, ["ghost", "errors"]
+    shifts = [0, 0, 0.05, 0.1, 0.15, 9]  # m
+    told = run_in(visit(), TINTED, {**sizes, **plain}, shifts, [shown, shown[:1], shown[1:]])
+    (colors, seen), (bare, still), (hidden, unseen) = told
+    greens = [int(color[2:4], 16) for color in colors]
+    assert greens[0] == 255 and greens[3] == greens[4] and greens == sorted(greens, reverse=True)
+    assert len(set(greens)) == 4
+    assert bare == hidden == ["ffffff"] * 5
+    assert all(seen + still) and not any(unseen)
+
+
+@pytest.mark.slow
+def test_sliders_follow_a_trade_off_over_time_until_one_is_moved(browser, workplace, make_run):
+    make_run(workplace / "run", "hopper", "best")
+    weights = np.array([[1.0, 0.0], [0.2, 0.8]])
+    Schedule(np.array([0.0, 1.5]), weights).save(workplace / "s.yaml", ("run", "jump"))
+    with exploring("run", "--tradeoff", "s.yaml") as (address, _):
+        view = View(browser, address)
+        follow = view.tab.get_by_role("button", name="over time")
+        for _ in range(2):
+            seen = [view.value("run")]
+            view.until(lambda: view.value("run") not in seen, "the sliders stand still")  # noqa: B023
+            assert follow.get_attribute("aria-pressed") == "true"
+            held = view.drag("run", 0.9)
+            view.until(lambda: follow.get_attribute("aria-pressed") == "false", "not taken over")
+            view.moves()
+            view.moves()
+            assert view.value("run") == pytest.approx(held, abs=6e-3)
+            follow.click()
+        view.tab.close()
 
 
 CHOSEN = """

@@ -16,6 +16,7 @@ from filelock import FileLock
 from growing import grow, train_on
 
 from morlax_torch import MorlaxError, evaluate, load
+from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.envs.worlds.trees import horizontal
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
@@ -29,6 +30,7 @@ from morlax_torch.viewers.explorer.session import (
     contact_arrows,
     frame_bytes,
 )
+from morlax_torch.viewers.player import Player
 
 
 @pytest.fixture
@@ -165,6 +167,31 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered():
         press(exhibit, "remove")
     assert [robot.tradeoff for robot in exhibit.robots] == [(0.2, 0.8)]
     assert exhibit.state()["selected"] == 0
+
+
+def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
+    schedule = Schedule(np.array([0.0, 0.4]), np.array([[1.0, 0.0], [0.2, 0.8]]))
+    exhibit = RunExhibit(library.choose("hopper"), pytest.fail, schedule)
+    (robot,), player = exhibit.robots, Player(load("hopper"), schedule)
+    for _ in range(30):
+        robot.step()
+        player.step()
+        assert robot.told()["tradeoff"] == tuple(player.tradeoff.tolist())
+    assert (robot.data.qpos == player.data.qpos).all()
+    assert 0.2 < robot.tradeoff[0] < 0.8 and robot.told()["follows"] is True
+    exhibit.react({"act": "steer", "weights": [3.0, 1.0]})
+    play(robot, 0.2)
+    assert robot.tradeoff == (0.75, 0.25) and robot.told()["follows"] is False
+    press(exhibit, "follow")
+    press(exhibit, "reset")
+    robot.step()
+    assert robot.tradeoff == (1, 0)
+    robot.renew(robot.player.policy, robot.front)  # training has written another checkpoint
+    play(robot, 0.5)
+    assert robot.tradeoff == pytest.approx((0.2, 0.8))
+    press(exhibit, "add")
+    assert [each.told()["follows"] for each in exhibit.robots] == [True, False]
+    assert exhibit.robots[1].tradeoff == robot.tradeoff
 
 
 @pytest.mark.slow

@@ -144,6 +144,18 @@ def test_a_trade_off_changes_no_faster_than_its_limit(cart):
     np.testing.assert_allclose(found[100:], [[0, 1]] * 20)
 
 
+def test_a_given_trade_off_holds_until_the_user_slides_it(cart, monkeypatch):
+    cart, seen, act = open_export(cart.policy, "3,1"), [], Policy.act
+    monkeypatch.setattr(Policy, "act", lambda *given: seen.append(act(*given)) or seen[-1])
+    run(cart, Disturbances((0, 0), 0, 0), 1, 10.0)
+    np.testing.assert_allclose(seen, [[0.75, 0.25]] * 500)
+    policy = Policy(cart)
+    Steering(cart, policy).press(ord("9"))
+    for _ in range(200):
+        policy.act(np.zeros(12))
+    assert policy.tradeoff.tolist() == [1, 0]
+
+
 @pytest.mark.parametrize(("delay", "steps"), [(0, 0), (10, 2), (25, 5)])
 def test_actions_are_delayed_by_physics_steps(cart, delay, steps, monkeypatch):
     robot = Robot(cart, Disturbances((delay, delay), 0, 0))
@@ -219,6 +231,8 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     folder = cart.policy.parent
     assert "there is no export nowhere" in refused(play, "nowhere")
     assert "--delay must not be negative" in refused(play, folder, "--delay", "20", "0")
+    assert "over the time of a motion" in refused(play, folder, "--tradeoff", "x.yaml")
+    assert "needs 2 numbers" in refused(play, folder, "--tradeoff", "1", "--episodes", "1")
     hopper = make_run(tmp_path / "hopper", "hopper", "best")
     assert "hopper does not have" in refused(export, hopper, "--slew", "1")
     changes = {

@@ -15,10 +15,11 @@ from tiny import tiny
 
 from morlax_torch import load as load_policy
 from morlax_torch.commands import export, play
+from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.envs.bridges.mjlab.worlds import build, load
 from morlax_torch.train import train
 from morlax_torch.viewers.explorer.session import Session, frame_bytes
-from morlax_torch.viewers.playing.episodes import run
+from morlax_torch.viewers.playing.episodes import Policy, run
 from morlax_torch.viewers.playing.following import HOLD, robot_for
 from morlax_torch.viewers.playing.robot import open_export
 
@@ -115,9 +116,29 @@ def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
     assert "found set()" in done.stdout and "error, mm" in done.stdout, done.stderr
 
 
+def test_a_trade_off_over_time_is_followed_at_the_phase(exported, refused, tmp_path, capsys):
+    names, file = open_export(exported[TASK]).settings.objectives, tmp_path / "schedule.yaml"
+    schedule = Schedule(np.array([0.0, 0.3, 0.6]), np.eye(len(names))[:3] + 0.1)
+    schedule.save(file, names)
+    deployment = open_export(exported[TASK], str(file))
+    robot, policy = robot_for(deployment), Policy(deployment)
+    for _ in range(2):
+        for frame in range(20):
+            policy.drive(robot, np.zeros(3))
+            weights = schedule.at(0.02 * frame)
+            np.testing.assert_allclose(policy.tradeoff, weights / weights.sum(), atol=1e-6)
+        robot.reset()
+    words = [str(exported[TASK]), "--episodes", "1", "--tradeoff", str(file)]
+    play.command(words)
+    assert "error, mm" in capsys.readouterr().out
+    schedule.save(file, (*names[1:], "speed"))
+    assert f"weights`, as many for each of {names[0]}" in refused(play, *words)
+
+
 def test_a_ghost_on_the_page_is_at_the_phase_of_the_robot(exported):
     session = Session(load_policy(str(exported[TASK].parent / "run"), "cpu"), None)
     model, data = session.model, mujoco.MjData(session.model)
+    assert session.about()["motion"] == pytest.approx(SECONDS, abs=0.03)
     for frame in squat(SECONDS)[:12]:  # more than an episode of the training
         data.qpos[:] = frame
         mujoco.mj_kinematics(model, data)

@@ -9,6 +9,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from ...configuration.schedules import Schedule
 from ...envs import MorlaxError
 from ...evaluation.front import Front
 from ...evaluation.requirements import Choice
@@ -155,12 +156,16 @@ class RunExhibit:
     the robots.
     """
 
-    def __init__(self, choice: library.Choice, put: Put, tradeoff: Weights | None = None):
+    def __init__(
+        self, choice: library.Choice, put: Put, tradeoff: Weights | Schedule | None = None
+    ):
         self._put, self._scanned, self._looked = put, -SCAN, -LOOK
         self._labels: dict[str, str] = {}  # of runs to choose from
         self._measuring = self._reading = False
         self._open(choice, Session.open(choice))
-        if tradeoff is not None:
+        if isinstance(tradeoff, Schedule):
+            self._steered.schedule, self._steered.follows = tradeoff, True
+        elif tradeoff:
             self._steer(tradeoff)
 
     def _open(self, choice: library.Choice, session: Session) -> None:
@@ -227,7 +232,8 @@ class RunExhibit:
                 choice = library.choose(run, checkpoint)
                 session = Session.open(choice)
                 if session.objectives == steered.objectives:
-                    session.tradeoff = steered.tradeoff
+                    session.tradeoff, session.schedule = steered.tradeoff, steered.schedule
+                    session.follows = steered.follows
                 if session.player.env.command_limits == steered.player.env.command_limits:
                     session.player.command = list(command)
                 if thresholds is not None:
@@ -254,6 +260,8 @@ class RunExhibit:
             case {"name": "remove"} if len(self._sessions) > 1:
                 del self._sessions[self._selected]
                 self._selected = min(self._selected, len(self._sessions) - 1)
+            case {"name": "follow"}:
+                steered.follows = True
             case {"name": "free"} if thresholds is not None:
                 thresholds.stop()
             case {"name": "cancel"} if thresholds is not None:
@@ -282,6 +290,7 @@ class RunExhibit:
                 self._asking = None
 
     def _steer(self, weights: Sequence[float]) -> None:
+        self._steered.follows = False
         self._steered.tradeoff = tuple(weight / sum(weights) for weight in weights)
 
     def _add(self) -> None:

@@ -25,7 +25,7 @@ SLOWEST = 0.05  # playback speed
 _log = logging.getLogger(__name__)
 
 Button = Literal[
-    *("reset", "push", "add", "remove", "free", "cancel", "export", "card", "measure"),
+    *("reset", "push", "add", "remove", "free", "cancel", "export", "card", "measure", "follow"),
     *("find", "skip", "use", "again", "leave"),
 ]
 ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else is ignored

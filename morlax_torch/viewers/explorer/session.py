@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...configuration.schedules import Schedule
 from ...envs import MorlaxError
 from ...envs.naming import title
 from ...envs.worlds.design_space import DesignSpace
@@ -29,16 +30,18 @@ WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of 
 class Session:
     """A robot and its trade-off.
 
-    Callers may set `tradeoff` at any time; a new one acts from the next control step. `front` is
-    that of the policies, if it was evaluated. `opened` are the policies that it began with, the
-    same object for sessions that look alike and can stand side by side. `data` is the current
-    state, of an episode with `steps` so far; a step takes `dt` s. `ghost` is what the robot should
-    be, by its motion.
+    Callers may set `tradeoff` at any time; a new one acts from the next control step. If the robot
+    `follows` its `schedule`, that sets it. `front` is that of the policies, if it was evaluated.
+    `opened` are the policies that it began with, the same object for sessions that look alike and
+    can stand side by side. `data` is the current state, of an episode with `steps` so far; a step
+    takes `dt` s. `ghost` is what the robot should be, by its motion.
     """
 
     def __init__(self, policy: Policy, front: Front | None):
         self.objectives, self.front = policy.objectives, front
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
+        self.schedule: Schedule | None = None
+        self.follows = False
         self.player = player = Player(policy, self.tradeoff)
         self.model, self.data, self.dt = player.model, player.data, player.env.dt
         self.ghost = player.ghost
@@ -46,7 +49,8 @@ class Session:
         self._clock: float | None = None
         self.last_episode: dict[str, Any] | None = None
         self.axes = horizontal(self.model, player.env.base)
-        self._acting_on, self.opened = self.tradeoff, policy
+        self._acting_on: Weights | Schedule | None = self.tradeoff
+        self.opened = policy
         self._directions = np.random.default_rng(0)
 
     @classmethod
@@ -56,7 +60,7 @@ class Session:
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off and command."""
         twin = type(self)(self.player.policy, self.front)
-        twin.opened, twin.tradeoff = self.opened, self.tradeoff
+        twin.opened, twin.tradeoff, twin.schedule = self.opened, self.tradeoff, self.schedule
         twin.player.command = list(self.player.command)
         twin._clock, twin._due = self._clock, self._due
         return twin
@@ -84,7 +88,7 @@ class Session:
 
     def renew(self, policy: Policy, front: Front) -> None:
         """Let other policies of this family act from the next control step."""
-        self.player.policy, self.front, self._acting_on = policy, front, ()
+        self.player.policy, self.front, self._acting_on = policy, front, None
 
     def advance(self, now: float, pace: float = 1.0) -> int:
         """Take the steps that are due at clock time `now` in seconds; returns how many.
@@ -106,9 +110,9 @@ class Session:
 
     def step(self) -> None:
         """Take one control step; if the episode is over, start a new one first."""
-        player = self.player
-        if self.tradeoff != self._acting_on:
-            player.tradeoff = self._acting_on = self.tradeoff
+        player, schedule = self.player, self.schedule if self.follows else None
+        if (wanted := schedule or self.tradeoff) is not self._acting_on:
+            player.tradeoff = self._acting_on = wanted
         if player.over:
             self.last_episode = {
                 "returns": _finite(player.returns),
@@ -117,6 +121,8 @@ class Session:
             }
             self.reset()
         player.step()
+        if schedule:
+            self.tradeoff = tuple(player.tradeoff.tolist())
         self.steps = player.steps
 
     def reset(self, seed: int | None = None) -> None:
@@ -145,6 +151,7 @@ class Session:
         parameters = policy.agent.designs if self.design else {}
         return {
             "title": title(policy.config.env),
+            "motion": None if self.ghost is None else env.episode_length * env.dt,
             "command": {"limits": env.command_limits} if env.command_limits else None,
             "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
             **described_task(env),
@@ -155,6 +162,7 @@ class Session:
         data = self.data
         return {
             "tradeoff": self.tradeoff,
+            "follows": self.schedule and self.follows,  # null: there is no trade-off over time
             "returns": _finite(self.player.returns),
             "counted": self.steps,
             "ended": self.last_episode,

@@ -207,7 +207,10 @@ function replay(stage, steps) {
 function showPlayback(engine, stage) {
   const { past, moment } = stage;
   const { steps } = (moment === null ? stage.latest : past[moment])[engine.selected] ?? stage.latest[0];
-  $("clock").textContent = `${(steps * engine.about.dt).toFixed(1)} s`;
+  const { dt, motion } = engine.about;
+  $("clock").textContent = `${(steps * dt).toFixed(1)} ${motion ? `of ${motion.toFixed(1)} ` : ""}s`;
+  $("clock").classList.toggle("phase", Boolean(motion));
+  $("clock").style.setProperty("--share", (steps * dt) / motion);
   const { paused, pace, failure } = engine;
   if (failure !== state.failure) {
     state.failure = failure;

@@ -47,7 +47,8 @@ FASTEST = 30.0  # frames per second of a film
 class Policy:
     """An ONNX policy; `tradeoff` (m,) slides towards the `target` (m,) by at most `slew` per s.
 
-    It stays as it is where the export has a fixed trade-off (`slides` is false).
+    It stays as it is where the export has a fixed trade-off (`slides` is false). The target follows
+    the `schedule` until that is None.
     """
 
     def __init__(self, deployment: Export):
@@ -63,6 +64,9 @@ class Policy:
             raise MorlaxError(f"cannot load {deployment.policy}: {line(error)}.") from None
         self.objectives = tuple(deployment.settings.objectives)
         self.slides = "tradeoff" in {value.name for value in self._session.get_inputs()}
+        if (schedule := deployment.tradeoff) and not self.slides:
+            raise MorlaxError(f"{deployment.policy} has a fixed trade-off: leave --tradeoff out.")
+        self.schedule = schedule
         # largest change per control step
         self._most = (deployment.settings.slew or np.inf) * deployment.settings.step_dt
         self.tradeoff = self.target = np.full(len(self.objectives), 1 / len(self.objectives))
@@ -73,8 +77,13 @@ class Policy:
         if at_once:
             self.tradeoff = self.target
 
-    def act(self, observation: Array) -> Array:
-        """Return the action (A,) for an observation (O,), one control step later in the slide."""
+    def act(self, observation: Array, seconds: float = 0.0) -> Array:
+        """Return the action (A,) for an observation (O,), one control step later in the slide.
+
+        `seconds` are those since a motion began.
+        """
+        if schedule := self.schedule:
+            self.choose(schedule.at(seconds), at_once=seconds == 0)
         way = self.target - self.tradeoff
         farthest = np.abs(way).max()
         self.tradeoff = self.tradeoff + way * min(1.0, self._most / max(farthest, 1e-12))
@@ -86,7 +95,7 @@ class Policy:
 
     def drive(self, robot: Robot, command: Array) -> bool:
         """Take a control step, and return whether the robot fell; it starts again at an end."""
-        step = robot.step(self.act(robot.observe(command)))
+        step = robot.step(self.act(robot.observe(command), robot.seconds))
         if step.fallen or step.over:
             robot.reset()
         return step.fallen
@@ -156,6 +165,7 @@ class Steering:
 
     def _slide(self, direction: int) -> None:
         self._chosen = (self._chosen + direction) % len(self._choices)
+        self._policy.schedule = None
         self._policy.choose(self._choices[self._chosen])
 
 
@@ -221,7 +231,7 @@ def _steps(deployment: Export, seconds: float) -> int:
 def _episode(robot: Robot, policy: Policy, commands: Iterable[Array]) -> Episode:
     fallen, rows = False, []  # error, power and speed of each step
     for command in commands:
-        step = robot.step(policy.act(robot.observe(command)))
+        step = robot.step(policy.act(robot.observe(command), robot.seconds))
         if fallen := step.fallen:
             break
         rows.append((step.error, step.power, np.linalg.norm(step.velocity[:2])))

@@ -49,6 +49,10 @@ class Follower(Robot):
         fallen = not stands or self.broken()
         return step._replace(fallen=fallen, error=float(error), over=over)
 
+    @property
+    def seconds(self) -> float:
+        return (self.frame - 1) * self.dt
+
     def ghost(self) -> mujoco.MjData:
         ghost = mujoco.MjData(self.model)
         self._place(ghost, min(self.frame, len(self.motion.joint_pos)) - 1)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import AliasPath, BaseModel, Field, model_validator
 
 from ...configuration.files import read_yaml
+from ...configuration.schedules import Schedule
 from ...envs import MorlaxError
 from ...envs.errors import line, unknown, validated
 from ...envs.worlds.trees import base_of
@@ -132,10 +133,11 @@ class Export(NamedTuple):
     model: mujoco.MjModel
     policy: Path
     motion: Motion | None = None
+    tradeoff: Schedule | None = None  # over the time of a motion; None: random, or steered
 
 
-def open_export(path: Path) -> Export:
-    """Open an export by its folder or the file of its policy."""
+def open_export(path: Path, tradeoff: str | None = None) -> Export:
+    """Open an export by its folder or the file of its policy, with a trade-off or its FILE.yaml."""
     folder = path if path.is_dir() else path.parent
     file = folder / SETTINGS
     if not path.exists() or not file.exists():
@@ -152,7 +154,23 @@ def open_export(path: Path) -> Export:
     except (ValueError, zipfile.BadZipFile) as error:
         raise MorlaxError(f"cannot load the model {archive}: {line(error)}.") from None
     policy = folder / settings.policy if path == folder else path
-    return Export(settings, model, policy, _motion(folder, settings))
+    schedule = None if tradeoff is None else _schedule(tradeoff, settings)
+    return Export(settings, model, policy, _motion(folder, settings), schedule)
+
+
+def _schedule(text: str, settings: Settings) -> Schedule:
+    """Read a trade-off over the time of a motion, or one that never changes."""
+    if not text.endswith(".yaml"):
+        from ...configuration.tradeoffs import parse_tradeoff  # imports torch
+
+        weights = parse_tradeoff(text, settings.objectives)
+        return Schedule(np.zeros(1), np.array([weights]) / sum(weights))
+    if settings.motion is None:
+        raise MorlaxError(
+            f"{text} is a trade-off over the time of a motion, and this export follows none: give "
+            "--tradeoff one weight per objective."
+        )
+    return Schedule.load(text, settings.objectives)
 
 
 def _motion(folder: Path, settings: Settings) -> Motion | None:
@@ -202,6 +220,8 @@ class Robot:
 
     Without disturbances, its friction is the model's, and a step equals one of mjlab.
     """
+
+    seconds = 0.0  # since a motion began
 
     def __init__(
         self,

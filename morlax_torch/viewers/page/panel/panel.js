@@ -17,7 +17,14 @@ import { Triangle } from "./triangle.js";
 import { TypedWeights } from "./typing.js";
 import * as units from "./units.js";
 
-const KINDS = { velocity: "velocity", command: "command", contacts: "contact forces", trail: "trail" };
+const KINDS = {
+  velocity: "velocity",
+  command: "command",
+  contacts: "contact forces",
+  trail: "trail",
+  ghost: "pose of the motion",
+  errors: "distance from it, as color",
+};
 const TELLING = 250; // ms between numbers beside the ring
 const HELD = "#panel :active, :is(#levels, #matrix) :focus"; // what a visitor holds is not replaced
 const FEW = 6; // objectives, each of which gets a row of its own
@@ -33,6 +40,7 @@ export class Panel {
     if (engine.can.open) this.parts.push(new RunLists(engine));
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
+    $("follow").onclick = () => engine.press("follow");
     const measure = () => engine.press("measure");
     this.command = this.#showNumbers("command", about.command?.limits, rounded, tell);
     this.design = this.#showNumbers("design", about.design, precise, reshape, measure);
@@ -87,6 +95,8 @@ export class Panel {
     showNames(engine);
     const { steered, robots, selected, asking, choosing, bookmarks } = engine;
     this.weights.show(steered.tradeoff);
+    $("follow").hidden = typeof steered.follows !== "boolean";
+    $("follow").setAttribute("aria-pressed", steered.follows);
     this.command?.show(engine.command);
     this.design?.show(engine.state.design);
     $("front-section").classList.toggle("stale", this.design !== undefined && !engine.state.measured);
@@ -145,16 +155,17 @@ export class Panel {
 
   #showKinds(about) {
     const { stage, engine } = this;
-    const offered = Object.keys(KINDS).filter((kind) => {
-      if (kind === "command") return about.velocities;
-      return kind !== "contacts" || engine.can.contacts;
-    });
+    const follows = Boolean(about.motion);
+    const has = { command: about.velocities, contacts: engine.can.contacts, ghost: follows, errors: follows };
+    const offered = Object.keys(KINDS).filter((kind) => has[kind] ?? true);
+    const explain = () => ($("errors").hidden = !(follows && stage.shown.has("ghost") && stage.shown.has("errors")));
     const boxes = offered.map((kind) => {
       const box = html("input", { type: "checkbox", checked: stage.shown.has(kind) });
-      box.addEventListener("change", () => stage.shown[box.checked ? "add" : "delete"](kind));
+      box.addEventListener("change", () => (stage.shown[box.checked ? "add" : "delete"](kind), explain()));
       return html("label", { className: "check" }, box, KINDS[kind]);
     });
     $("show").replaceChildren(...boxes);
+    explain();
   }
 
   #showPlots() {

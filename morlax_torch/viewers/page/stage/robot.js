@@ -8,6 +8,7 @@ const AHEAD = 0.25; // s that the arrow of a velocity looks ahead
 const POINTS = 80; // of a trail
 const ALONG = new THREE.Vector3(0, 1, 0); // the direction of three.js's cylinders and cones
 const GHOSTLY = 0.35; // opacity
+const [FAR, WRONG] = [0.15, new THREE.Color("#c2255c")]; // m from the ghost, and the color there: #errors
 const SHORTEST = 3; // times the width; shorter arrows are left out
 
 export class Robot {
@@ -32,12 +33,20 @@ export class Robot {
     this.ring = index === null ? null : ringOf(size, robotColor(index));
   }
 
-  /** Move the bodies `share` of the way from one pose to another, and those of a ghost. */
-  pose(former, latest, share) {
+  /** Move the bodies `share` of the way from one pose to another, and those of a ghost if it is `shown`. */
+  pose(former, latest, share, shown) {
     move(this.bodies, former, latest, share);
     if (!latest.ghost) return;
     this.ghost ??= this.#addGhost();
     move(this.ghost, former.ghost, latest.ghost, share);
+    const tells = shown.has("ghost") && shown.has("errors");
+    for (const [i, ghost] of this.ghost.entries()) {
+      ghost.visible = shown.has("ghost");
+      const error = tells ? this.bodies[i].position.distanceTo(ghost.position) / FAR : 0;
+      for (const { material, userData } of this.bodies[i].children) {
+        material.color.lerpColors(userData.color, WRONG, Math.min(error, 1));
+      }
+    }
   }
 
   #addBodies(geoms) {
@@ -117,6 +126,7 @@ function addGeom(bodies, model, geom) {
   mesh.position.fromArray(model.geom_pos, 3 * geom);
   quaternionAt(model.geom_quat, geom, mesh.quaternion);
   mesh.castShadow = mesh.receiveShadow = true;
+  mesh.userData.color = material.color.clone(); // without errors
   bodies[model.geom_bodyid[geom]].add(mesh);
 }
 

@@ -50,7 +50,7 @@ export class Stage {
     this.controls.enablePan = false;
     this.controls.maxPolarAngle = 0.495 * Math.PI; // never below the floor
     this.theme = "light";
-    this.shown = new Set(["command"]); // names of arrows and trail to draw, which can be changed
+    this.shown = new Set(["command", "ghost", "errors"]); // what to draw, which can be changed
     this.drawn = performance.now();
     this.center = new THREE.Vector3(); // where the camera looks
   }
@@ -160,7 +160,7 @@ export class Stage {
     this.surroundings.shadow = this.quality.chosen.shadow;
     const ways = this.robots.map((robot, i) => {
       const [former, latest] = this.#drawn(i);
-      robot.pose(former, latest, share);
+      robot.pose(former, latest, share, this.shown);
       const at = robot.bodies[this.engine.about.followed].position;
       robot.group.position.set(this.lanes[i] - at.x, -at.y, 0);
       if (this.moment === null) this.#decorate(robot, i, at);
