@@ -161,7 +161,10 @@ export class Panel {
     const explain = () => ($("errors").hidden = !(follows && stage.shown.has("ghost") && stage.shown.has("errors")));
     const boxes = offered.map((kind) => {
       const box = html("input", { type: "checkbox", checked: stage.shown.has(kind) });
-      box.addEventListener("change", () => (stage.shown[box.checked ? "add" : "delete"](kind), explain()));
+      box.addEventListener("change", () => {
+        stage.shown[box.checked ? "add" : "delete"](kind);
+        explain();
+      });
       return html("label", { className: "check" }, box, KINDS[kind]);
     });
     $("show").replaceChildren(...boxes);
