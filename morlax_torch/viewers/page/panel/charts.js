@@ -109,10 +109,10 @@ export class Charts {
     const cursor = ago === null ? [] : [svg("line", { x1: x(ago), x2: x(ago), y1: TOP, y2: HEIGHT - BOTTOM, class: "cursor" })];
     drawing.replaceChildren(...times, ...paths, ...scale, ...cursor);
     const at = ago === null ? this.samples.length - 1 : this.samples.findLastIndex(({ time }) => time <= this.time - ago);
-    const told = (rows[at] ?? []).map((value, k) => {
+    const dots = (rows[at] ?? []).map((value, k) => {
       const textContent = Number.isFinite(value) ? short(value) : "–";
       return html("span", { className: "dot", textContent, style: `--color: ${colors[k]}` });
     });
-    values.replaceChildren(...told);
+    values.replaceChildren(...dots);
   }
 }

@@ -31,7 +31,7 @@ export class FrontPlot {
     this.places = this.front.tradeoffs.map((_, i) => this.#at(this.columns.map((column) => column[i])));
     this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
     [this.past, this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g"), svg("g")];
-    this.told = [0, 1, 2].map(() => svg("text", { class: "readout told" }));
+    this.readouts = [0, 1, 2].map(() => svg("text", { class: "readout told" }));
     this.nearest = 0;
     const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
     this.drawing = svg(
@@ -43,7 +43,7 @@ export class FrontPlot {
       this.past,
       this.pins,
       this.marks,
-      ...this.told,
+      ...this.readouts,
     );
     this.tip = html("p", { className: "tip", hidden: true });
     this.element = html("div", { className: "map" }, this.drawing, this.tip);
@@ -71,12 +71,12 @@ export class FrontPlot {
 
   /** Say beside the visitor's ring what the robot reaches, by axis; null: unknown. */
   tell(reached) {
-    const known = this.axes.flatMap(({ name }, i) => (reached[i] === null ? [] : `now ${name} ${short(reached[i])}`));
-    const texts = [...known, ...(this.isBetween ? ["between evaluated policies"] : []), "", "", ""];
+    const values = this.axes.flatMap(({ name }, i) => (reached[i] === null ? [] : `now ${name} ${short(reached[i])}`));
+    const texts = [...values, ...(this.isBetween ? ["between evaluated policies"] : []), "", "", ""];
     const [x, y] = this.own;
     const late = x > WIDTH / 2;
     const above = y > HEIGHT / 2;
-    this.told.forEach((line, i) => {
+    this.readouts.forEach((line, i) => {
       if (line.textContent !== texts[i]) line.textContent = texts[i];
       line.setAttribute("x", late ? x - 12 : x + 12);
       line.setAttribute("y", above ? y - 35 + 13 * i : y + 16 + 13 * i);
@@ -88,8 +88,8 @@ export class FrontPlot {
   trace(moments, asked) {
     const drawn = moments.map(({ values, tradeoffs }, i) => {
       const rows = values.map((row, k) => [this.#inUnits(row), tradeoffs[k]]);
-      const known = rows.filter(([place]) => place.every(Number.isFinite));
-      const places = known.map(([place, weights]) => [this.#at(place), weights]);
+      const points = rows.filter(([place]) => place.every(Number.isFinite));
+      const places = points.map(([place, weights]) => [this.#at(place), weights]);
       if (asked && i === moments.length - 1) {
         return places.map(([[cx, cy], weights]) => svg("circle", { cx, cy, r: 3.4, fill: mixed(weights) }));
       }

@@ -16,10 +16,10 @@ export function shownGeoms(model) {
 
 /** Return red, green, blue and alpha of a geom, or of its material. */
 export function colorOf(model, geom) {
-  const own = Array.from(model.geom_rgba.subarray(4 * geom, 4 * geom + 4));
+  const color = Array.from(model.geom_rgba.subarray(4 * geom, 4 * geom + 4));
   const material = model.geom_matid[geom];
-  const isUnset = own.every((x, i) => Math.abs(x - UNSET[i]) < 1e-6);
-  if (material < 0 || !isUnset) return own;
+  const isUnset = color.every((x, i) => Math.abs(x - UNSET[i]) < 1e-6);
+  if (material < 0 || !isUnset) return color;
   return Array.from(model.mat_rgba.subarray(4 * material, 4 * material + 4));
 }
 
