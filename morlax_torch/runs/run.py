@@ -48,6 +48,13 @@ LOCK = "train.lock"
 PATIENCE = 0.2  # s that training waits for a lock, which `is_training` may hold for a moment
 
 
+def taken(folder: Path) -> MorlaxError:
+    return MorlaxError(
+        f"{folder} exists already: choose another --output, or continue the run with "
+        f"--resume {folder}."
+    )
+
+
 class Run:
     """`runs/<task>/<time>-<seed>/`, complete from the moment it exists.
 
@@ -96,10 +103,7 @@ class Run:
                 break
             except Taken:
                 if output is not None:
-                    raise MorlaxError(
-                        f"{folder} exists already: choose another --output, or continue the run "
-                        f"with --resume {folder}."
-                    ) from None
+                    raise taken(folder) from None
         run = cls(folder)
         run._acquire()
         learner.group.first(str(folder))
