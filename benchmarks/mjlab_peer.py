@@ -41,7 +41,7 @@ class Peer(NamedTuple):
 
     @property
     def task(self) -> dict[str, Any]:
-        """Options of worlds that it acts in."""
+        """Options of the task in which it acts as it was trained."""
         return {"action_scale": LOUD, "sensors": self.sensors, "history": {}}
 
     def check_sizes(self, env: Worlds) -> None:

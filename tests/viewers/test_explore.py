@@ -555,8 +555,8 @@ def test_bodies_show_by_color_how_far_they_are_from_the_motion(visit):
     plain = {k: v.ravel().tolist() for k, v in arrays.items() if isinstance(v, np.ndarray)}
     sizes, shown = {"ngeom": model.ngeom, "nbody": model.nbody}, ["ghost", "errors"]
     shifts = [0, 0, 0.05, 0.1, 0.15, 9]  # m
-    told = run_in(visit(), TINTED, {**sizes, **plain}, shifts, [shown, shown[:1], shown[1:]])
-    (colors, seen), (bare, still), (hidden, unseen) = told
+    looks = run_in(visit(), TINTED, {**sizes, **plain}, shifts, [shown, shown[:1], shown[1:]])
+    (colors, seen), (bare, still), (hidden, unseen) = looks
     greens = [int(color[2:4], 16) for color in colors]
     assert greens[0] == 255 and greens[3] == greens[4] and greens == sorted(greens, reverse=True)
     assert len(set(greens)) == 4

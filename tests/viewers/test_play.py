@@ -146,7 +146,7 @@ def test_a_trade_off_changes_no_faster_than_its_limit(cart):
 
 def test_a_given_trade_off_holds_until_the_user_slides_it(cart, monkeypatch):
     cart, seen, act = open_export(cart.policy, "3,1"), [], Policy.act
-    monkeypatch.setattr(Policy, "act", lambda *given: seen.append(act(*given)) or seen[-1])
+    monkeypatch.setattr(Policy, "act", lambda *step: seen.append(act(*step)) or seen[-1])
     run(cart, Disturbances((0, 0), 0, 0), 1, 10.0)
     np.testing.assert_allclose(seen, [[0.75, 0.25]] * 500)
     policy = Policy(cart)

@@ -133,7 +133,7 @@ class Export(NamedTuple):
     model: mujoco.MjModel
     policy: Path
     motion: Motion | None = None
-    tradeoff: Schedule | None = None  # over the time of a motion; None: random, or steered
+    tradeoff: Schedule | None = None  # that the user gives; None: random, or steered
 
 
 def open_export(path: Path, tradeoff: str | None = None) -> Export:
