@@ -110,19 +110,15 @@ def in_millions(methods: dict[str, list[list[float]]], digits: Sequence[int]) ->
     return lines
 
 
-def reaching(task: str) -> list[Row]:
-    """Return the commands with the shortest time limit whose median reaches the target."""
-    limits: dict[float, list[Row]] = {}
-    for row in read("table1-h200.csv", env=task):
-        limits.setdefault(float(row["max_seconds"]), []).append(row)
-    target = float(TARGETS[task])
-    return next(rows for _, rows in sorted(limits.items()) if median(values(rows)) >= target)
+def reported(task: str) -> list[Row]:
+    """Return the commands of the seeds that chose no limit."""
+    return [row for row in read("table1-h200.csv", env=task) if int(row["seed"]) >= 200]
 
 
 def targets() -> str:
     lines = []
     for task, target in TARGETS.items():
-        rows, power = reaching(task), int(target[-1])
+        rows, power = reported(task), int(target[-1])
         limit, volumes = rows[0]["max_seconds"], values(rows)
         spread = [number(x, 2, power) for x in (median(volumes), min(volumes), max(volumes))]
         hypervolume = f"{spread[0]}e{power} ({spread[1]} - {spread[2]})"
@@ -145,7 +141,7 @@ def original(task: str, column: str) -> str:
 def readme() -> str:
     limits, commands = [], []
     for task in TARGETS:
-        rows = reaching(task)
+        rows = reported(task)
         limits.append(f"{rows[0]['max_seconds']} s")
         commands.append(f"{number(median(values(rows, 'command_seconds')), 1)} s")
     times = {
