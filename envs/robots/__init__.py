@@ -14,6 +14,13 @@ PGMORL = {
     f"pgmorl/{member.lower()}": f"pgmorl:{member}"
     for member in ["Ant", "HalfCheetah", "Hopper", "Hopper3", "Humanoid", "Swimmer", "Walker2d"]
 }
+COLA = {
+    "cola/ant-3d": "cola:Ant3",
+    "cola/ant-4d": "cola:Ant4",
+    "cola/ant-5d": "cola:Ant5",
+    "cola/halfcheetah-5d": "cola:HalfCheetah5",
+    "cola/hopper-5d": "cola:Hopper5",
+}
 TASKS = {
     "ant": "spatial:Ant",
     "bruce": "bruce.task:Bruce",
@@ -26,5 +33,6 @@ TASKS = {
     "design/cheetah": "designed:DesignedCheetah",
     "design/hopper": "designed:DesignedHopper",
     **PGMORL,
+    **COLA,
     **MO_GYMNASIUM,
 }

@@ -1,4 +1,4 @@
-"""Ported PG-MORL and MO-Gymnasium tasks match the originals: robots, rewards, observations."""
+"""Ported tasks of PG-MORL, COLA and MO-Gymnasium match the originals: robots, rewards, sight."""
 
 import copy
 import math
@@ -179,31 +179,65 @@ def humanoid(now: Moment) -> tuple[list[float], bool]:
     return [1.25 * now.speed + 3.0, 3.0 - 4.0 * now.effort + 3.0], done
 
 
+def spared(cost: float, *controls: float) -> float:
+    return 4.0 - cost * float(np.mean(np.square(controls)))
+
+
+def ant3(now: Moment) -> tuple[list[float], bool]:
+    sideways = (now.qpos[1] - now.before[1]) / now.dt
+    return [now.speed, sideways, 4.0 - 0.5 * now.effort], False
+
+
+def ant4(now: Moment) -> tuple[list[float], bool]:
+    return [now.speed + spared(4.0, *now.control[i : i + 2]) for i in (0, 2, 4, 6)], False
+
+
+def ant5(now: Moment) -> tuple[list[float], bool]:
+    return [now.speed, *(spared(4.0, *now.control[i : i + 2]) for i in (0, 2, 4, 6))], False
+
+
+def halfcheetah5(now: Moment) -> tuple[list[float], bool]:
+    _, done = halfcheetah(now)
+    u, run, jump = now.control, 0.5 * now.speed + 1.0, 20.0 * now.qpos[1] + 1.0
+    return [run, jump, *(spared(3.0, *pair) + 1.0 for pair in (u[[0, 3]], u[1:3], u[3:5]))], done
+
+
+def hopper5(now: Moment) -> tuple[list[float], bool]:
+    (run, jump, _), done = hopper3(now)
+    return [run, jump, *(spared(3.0, control) + 1.0 for control in now.control)], done
+
+
 FORMULAS: dict[str, Callable[[Moment], tuple[list[float], bool]]] = {
-    "ant": ant,
-    "halfcheetah": halfcheetah,
-    "hopper": hopper,
-    "hopper3": hopper3,
-    "humanoid": humanoid,
-    "swimmer": swimmer,
-    "walker2d": walker2d,
+    "pgmorl/ant": ant,
+    "pgmorl/halfcheetah": halfcheetah,
+    "pgmorl/hopper": hopper,
+    "pgmorl/hopper3": hopper3,
+    "pgmorl/humanoid": humanoid,
+    "pgmorl/swimmer": swimmer,
+    "pgmorl/walker2d": walker2d,
+    "cola/ant-3d": ant3,
+    "cola/ant-4d": ant4,
+    "cola/ant-5d": ant5,
+    "cola/halfcheetah-5d": halfcheetah5,
+    "cola/hopper-5d": hopper5,
 }
 
 
 @pytest.mark.parametrize("name", FORMULAS)
-def test_pg_morl_rewards_and_failures_match_the_formulas(name):
-    env = make(f"pgmorl/{name}")
-    unobserved = 2 if name in ("ant", "humanoid", "swimmer") else 1
-    clipped = 10.0 if name in ("hopper", "hopper3", "walker2d") else math.inf
+def test_rewards_and_failures_match_the_formulas(name):
+    env = make(name)
+    unobserved = 2 if any(robot in name for robot in ("ant", "humanoid", "swimmer")) else 1
+    clipped = 10.0 if "hopper" in name or "walker2d" in name else math.inf
     for action in random_actions(env, EPISODE):
-        before = env.place().numpy().copy() if name == "humanoid" else env.physics.qpos.clone()
+        centered = name == "pgmorl/humanoid"  # its reward uses the center of mass
+        before = env.place().numpy().copy() if centered else env.physics.qpos.clone()
         step = env.step(action)
         reward, seen = env.combine(step.terms), env.observe().numpy()
         for world in range(2):
             qpos, qvel = env.physics.qpos[world].numpy(), env.physics.qvel[world].numpy()
             control = env.physics.ctrl[world].numpy()
             now = Moment(np.asarray(before[world]), qpos, qvel, control, env.dt)
-            if name == "humanoid":  # its reward uses the center of mass
+            if centered:
                 now = now._replace(qpos=np.concatenate([env.place()[world].numpy(), qpos[2:]]))
             expected, done = FORMULAS[name](now)
             np.testing.assert_allclose(reward[world], expected, rtol=0, atol=TOLERANCE)
