@@ -7,6 +7,7 @@ from pathlib import Path
 import compare
 import compare_report
 import compare_statistics
+import jobs
 import numpy as np
 import pytest
 import throughput
@@ -32,6 +33,30 @@ def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
         for _ in range(int(0.25 * n)):
             left = left[1:-1]
         assert mean == pytest.approx(sum(left) / len(left))
+
+
+def test_jobs_run_side_by_side_within_the_time_that_is_left(tmp_path, capfd):
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(
+        "- {name: first, seconds: 5, command: 'sleep 0.5; echo $JOB > $FOLDER/first'}\n"
+        "- {name: later, seconds: 5, after: first, command: 'cat $FOLDER/first'}\n"
+        "- {name: each, seconds: 5, seeds: [7, 8], command: 'echo $SEED; false'}\n"
+        "- {name: long, seconds: 500, command: 'true'}\n"
+    )
+    jobs.main(plan, 30.0, tmp_path / "out", gpus=2)
+    logs = {path.stem: path.read_text() for path in (tmp_path / "out").glob("*.log")}
+    assert logs == {"first": "", "later": "first\n", "each-7": "7\n", "each-8": "8\n"}
+    printed = capfd.readouterr().out
+    assert "each-8 ended with 1" in printed and printed.endswith("left: long\n")
+
+
+def test_pending_jobs_name_files_that_exist():
+    for job in jobs.read(SCRIPT.parent / "plans" / "pending.yaml"):
+        words = job.command.split()
+        scripts = [
+            word for word in words if word.startswith("benchmarks/") and "results" not in word
+        ]
+        assert all((SCRIPT.parents[1] / name).exists() for name in scripts)
 
 
 def test_a_bootstrap_interval_of_a_mean_has_its_width():
