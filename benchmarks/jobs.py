@@ -1,6 +1,6 @@
 """Run a list of commands, one at a time on each GPU, within a time limit.
 
-    python benchmarks/jobs.py benchmarks/plans/pending.yaml --seconds 1500 --folder measured
+    python benchmarks/jobs.py benchmarks/pending.yaml --seconds 1500 --folder measured
 
 A GPU takes the first job that is not begun and whose time still fits. What a job prints goes to
 FOLDER/NAME.log. In commands, $FOLDER is that folder, $JOB the job's name, $PYTHON starts Python

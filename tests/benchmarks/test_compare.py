@@ -51,7 +51,7 @@ def test_jobs_run_side_by_side_within_the_time_that_is_left(tmp_path, capfd):
 
 
 def test_pending_jobs_name_files_that_exist():
-    for job in jobs.read(SCRIPT.parent / "plans" / "pending.yaml"):
+    for job in jobs.read(SCRIPT.parent / "pending.yaml"):
         words = job.command.split()
         scripts = [
             word for word in words if word.startswith("benchmarks/") and "results" not in word
