@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import TextWrapper
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_origin
 
 import tyro
 from pydantic import BaseModel, Field, field_validator
@@ -33,7 +33,6 @@ USUAL = "cheetah"  # the task whose options --help-all lists if the command line
 KINDS = re.compile(r"\b(int|float|Path)\b")  # of values, in the short help
 
 C = TypeVar("C", bound=Section)
-S = TypeVar("S", bound="Start")
 _registry = constructors.ConstructorRegistry()
 
 Device = Annotated[
@@ -167,37 +166,33 @@ def _paragraphs(text: str) -> str:
     return "\n\n".join(wrapper.fill(" ".join(part.split())) for part in parts)
 
 
-# Commands that train
+# The command that trains
 
 
-class Start(Section):
-    """The options that decide which others there are; a command adds its own."""
+SHOWN = {  # names of options in the short help, by heading
+    "What to learn": ("env", "algorithm", "scalarization", "config", "start_from"),
+    "The run": ("output", "resume", "trust", "seed", "device", "explore"),
+    "When to stop": ("max_env_steps", "max_seconds", "decay_fraction"),
+    "Sizes": ("worlds", "horizon", "sampling.clusters", "network.actor", "ppo.learning_rate"),
+    "Evaluations": ("evaluation.every", "evaluation.tradeoffs"),
+}
+EXAMPLES = (
+    "--env cheetah",
+    "--env hopper --seed 1 --output runs/mine",
+    "--env my_robot.py:Robot --worlds 512",
+    "--resume latest --max-env-steps 400_000_000",
+)
 
-    shown: ClassVar[dict[str, tuple[str, ...]]]  # names of options in the short help, by heading
-    examples: ClassVar[tuple[str, ...]]  # command lines
+
+class Train(Section):
+    """Train one hypernetwork to hold a whole Pareto front of policies."""
+
+    # these decide which others there are
     env: str | None = None
     algorithm: str | None = None
     device: str | None = None
     config: Path | None = None
     """A YAML file of changes to the task's config."""
-
-
-class Train(Start):
-    """Train one hypernetwork to hold a whole Pareto front of policies."""
-
-    shown = {
-        "What to learn": ("env", "algorithm", "scalarization", "config", "start_from"),
-        "The run": ("output", "resume", "trust", "seed", "device", "explore"),
-        "When to stop": ("max_env_steps", "max_seconds", "decay_fraction"),
-        "Sizes": ("worlds", "horizon", "sampling.clusters", "network.actor", "ppo.learning_rate"),
-        "Evaluations": ("evaluation.every", "evaluation.tradeoffs"),
-    }
-    examples = (
-        "--env cheetah",
-        "--env hopper --seed 1 --output runs/mine",
-        "--env my_robot.py:Robot --worlds 512",
-        "--resume latest --max-env-steps 400_000_000",
-    )
     output: Path | None = None
     """Folder of the run (None: runs/<task>/<time>-<seed>)."""
     resume: Path | None = None
@@ -211,40 +206,40 @@ class Train(Start):
     """Show the robot and the growing front in the browser, as `morlax explore` does."""
 
 
-def begin(command: type[S], arguments: Sequence[str]) -> tuple[S, list[str]]:
-    """Read the options of a `Start`, and return the others, which are those of a config.
+def begin(arguments: Sequence[str]) -> tuple[Train, list[str]]:
+    """Read the options of `Train`, and return the others, which are those of a config.
 
     With --help, print the options that people use, and exit, without importing torch.
     """
     if {"-h", "--help"} & set(arguments):
-        print_help(command)
+        print_help()
         sys.exit(0)
-    settings: Any = {"default": command(), "add_help": False, "return_unknown_args": True}
-    values, others = _typed(command, command, arguments, **settings)
-    return validated(command, values), others
+    settings: Any = {"default": Train(), "add_help": False, "return_unknown_args": True}
+    values, others = _typed(Train, Train, arguments, **settings)
+    return validated(Train, values), others
 
 
-def print_help(command: type[Start]) -> None:
-    """Print the options that a command's help shows, under their headings, and examples."""
+def print_help() -> None:
+    """Print the options of `train` that people use, under their headings, and examples."""
     from rich.table import Column, Table  # takes a while to import
 
-    start = program(command.__name__.lower())
-    console.print(f"usage: {start} [OPTIONS]\n\n{_paragraphs(command.__doc__ or '')}")
-    for heading, names in command.shown.items():
+    start = program("train")
+    console.print(f"usage: {start} [OPTIONS]\n\n{_paragraphs(Train.__doc__ or '')}")
+    for heading, names in SHOWN.items():
         table = Table.grid(Column(min_width=30, no_wrap=True), "")
         for name in names:
-            table.add_row(*_help_row(command, name))
+            table.add_row(*_help_row(name))
         console.print(f"\n{heading}:", table, sep="\n")
     console.print("\nExamples:")
-    for example in command.examples:
+    for example in EXAMPLES:
         console.print(f"  {start} {example}")
     console.print(f"\nTasks: {', '.join(envs.names())}.", soft_wrap=False)
     console.print(f"\nAll options, and the defaults of a task:\n  {start} --env NAME {HELP_ALL}")
 
 
-def _help_row(command: type[Start], name: str) -> tuple[str, str]:
+def _help_row(name: str) -> tuple[str, str]:
     """Return an option with the kind of its value, and the first sentence of its text."""
-    model: Any = command if name in command.model_fields else Config
+    model: Any = Train if name in Train.model_fields else Config
     *sections, option = name.split(".")
     for section in sections:
         model = model.model_fields[section].annotation
@@ -257,7 +252,7 @@ def _help_row(command: type[Start], name: str) -> tuple[str, str]:
     return label, first
 
 
-def _base_values(start: Start) -> dict[str, Any]:
+def _base_values(start: Train) -> dict[str, Any]:
     """Return the values of the file or task that a command line names."""
     if start.env is not None:
         envs.get(start.env)  # an unknown name is told before torch is imported
@@ -275,7 +270,7 @@ def _base_values(start: Start) -> dict[str, Any]:
     return values | start.model_dump(include={"device"}, exclude_none=True)
 
 
-def values_over(start: Start, others: Sequence[str], base: Config | None = None) -> dict[str, Any]:
+def values_over(start: Train, others: Sequence[str], base: Config | None = None) -> dict[str, Any]:
     """Read options over a config, with --help-all as their help; return its plain values.
 
     It is that of the file or task that the command line names, unless `base` is another one.
@@ -286,11 +281,10 @@ def values_over(start: Start, others: Sequence[str], base: Config | None = None)
     helps = HELP_ALL in others
     settings: Any = {"default": base, "description": text, "add_help": helps}
     try:
-        return _typed(type(start), type(base), words, **settings)
+        return _typed(Train, type(base), words, **settings)
     except SystemExit:
         if not helps:
-            name = type(start).__name__.lower()
-            print(f"All options: {program(name)} --env NAME {HELP_ALL}", file=sys.stderr)
+            print(f"All options: {program('train')} --env NAME {HELP_ALL}", file=sys.stderr)
         raise
 
 
@@ -310,7 +304,7 @@ def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
 
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Train]":
     """Read the command line of `train`: its config, the run to resume, and other options."""
-    start, others = begin(Train, arguments)
+    start, others = begin(arguments)
     if HELP_ALL in others and not (start.env or start.config or start.resume):
         start = start.model_copy(update={"env": USUAL})
     if start.resume is not None:
