@@ -79,9 +79,6 @@ class Reflection(NamedTuple):
         """Reflect features (..., S)."""
         return features.index_select(-1, self.order) * self.sign
 
-    def to(self, device: torch.device) -> Self:
-        return self._replace(order=self.order.to(device), sign=self.sign.to(device))
-
 
 class Mirror(NamedTuple):
     """The reflections of a robot whose left and right are alike."""

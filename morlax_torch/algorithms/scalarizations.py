@@ -31,10 +31,6 @@ class Scalarization(Protocol):
     uses_returns: bool = True
     """Whether the weights depend on the returns."""
 
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        """Return u (K,) of trade-offs (K, m) and expected returns (K, m)."""
-        ...
-
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         """Return du/dr (K, m) at trade-offs (K, m) and expected returns (K, m)."""
         ...
@@ -55,9 +51,6 @@ class WeightedSum(Scalarization):
     """The weighted sum u(w, r) = w . r, whose best policies lie on the convex part of a front."""
 
     uses_returns = False
-
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        return (tradeoffs * returns).sum(-1)
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         return tradeoffs
@@ -113,10 +106,6 @@ class AugmentedChebyshev(Ranged):
     that lies furthest behind, and a little of all.
     """
 
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.distances(returns)
-        return -behind.amax(-1) - AUGMENTATION * behind.sum(-1)
-
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         behind = tradeoffs * self.distances(returns)
         furthest = torch.zeros_like(behind).scatter_(-1, behind.argmax(-1, keepdim=True), 1.0)
@@ -130,10 +119,6 @@ class SmoothChebyshev(Ranged):
     for maximization. `Ranged` defines the distance.) All objectives count, the more the further
     they lie behind.
     """
-
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        behind = tradeoffs * self.distances(returns)
-        return -SMOOTHNESS * (behind / SMOOTHNESS).logsumexp(-1)
 
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
         behind = tradeoffs * self.distances(returns)
@@ -162,14 +147,13 @@ class Constrained(Ranged):
         self._others[constrained] = 0.0
         self._levels = torch.linspace(0, 1, LEVELS, dtype=torch.float32, device=device)
 
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        spare = (1 - self.distances(returns))[:, self._c] - tradeoffs[:, self._c]
-        others = (self._weights_of_others(tradeoffs) * returns).sum(-1)
-        return others + self._multiplier(tradeoffs) * spare
-
     def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        constrained = self._multiplier(tradeoffs)[:, None] * (1 - self._others) / self.scale()
-        return self._weights_of_others(tradeoffs) + constrained
+        others = tradeoffs * self._others
+        total = others.sum(-1, keepdim=True)
+        even = self._others / self._others.sum()
+        others = torch.where(total > 1e-6, others / total.clamp(min=1e-6), even)
+        multiplier = self._near(tradeoffs) @ self.multipliers.to(tradeoffs)
+        return (others + multiplier[:, None] * (1 - self._others)) / self.scale()
 
     def observe(self, tradeoffs: Tensor, returns: Tensor, group: Group = ALONE) -> None:
         super().observe(tradeoffs, returns, group)
@@ -187,15 +171,6 @@ class Constrained(Ranged):
         quarters = range(0, LEVELS, (LEVELS - 1) // 4)
         multipliers = {f"multiplier/{i / (LEVELS - 1):g}": self.multipliers[i] for i in quarters}
         return {**super().metrics(objectives), **multipliers}
-
-    def _weights_of_others(self, tradeoffs: Tensor) -> Tensor:
-        weights = tradeoffs * self._others
-        total = weights.sum(-1, keepdim=True)
-        even = self._others / self._others.sum()
-        return torch.where(total > 1e-6, weights / total.clamp(min=1e-6), even) / self.scale()
-
-    def _multiplier(self, tradeoffs: Tensor) -> Tensor:
-        return self._near(tradeoffs) @ self.multipliers.to(tradeoffs)
 
     def _near(self, tradeoffs: Tensor) -> Tensor:
         """Return the shares (K, LEVELS) of the levels next to each required one."""

@@ -127,8 +127,8 @@ def colors_of(tradeoffs: NDArray) -> NDArray[np.float64]:
     return weights / weights.sum(1, keepdims=True) @ palette
 
 
-def color_key(axes: Axes, names: Sequence[str], meaning: str = "") -> None:
-    meaning = meaning or f"{'all' if len(names) <= MOST_MIXED else 'most'} weight on"
+def color_key(axes: Axes, names: Sequence[str]) -> None:
+    meaning = f"{'all' if len(names) <= MOST_MIXED else 'most'} weight on"
     for name, color in zip(names, of_objectives(len(names)), strict=True):
         axes.scatter([], [], s=40, color=color, label=f"{meaning} {name}")
 

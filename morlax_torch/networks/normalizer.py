@@ -28,7 +28,6 @@ class Normalizer(nn.Module):
 
     def __init__(self, size: int, reflection: Reflection | None = None):
         super().__init__()
-        self.size = size
         self.register_buffer("mean", torch.zeros(size, dtype=torch.float32))
         self.register_buffer("variance", torch.ones(size, dtype=torch.float32))
         self.register_buffer("count", torch.zeros((), dtype=torch.float64))
