@@ -47,15 +47,10 @@ def make(
     options, chosen = validated(task.Options, task_options), resolve_device(device)
     if backend not in (None, "mujoco", "warp"):
         raise unknown("backend", str(backend), ("mujoco", "warp"))
-    check_seed(seed)
+    _check_integer("seed", seed, 0, 2**64 - 1, "2^64 - 1")
     _check_integer("num_worlds", num_worlds, 1, 2**31 - 1, "2147483647")  # of 32 bits
     kind = {"auto_reset": auto_reset, "deterministic": deterministic}
     return task.build(options, int(num_worlds), chosen, backend, int(seed), **kind)
-
-
-def check_seed(seed: int) -> None:
-    """Raise MorlaxError unless a random generator can have this seed."""
-    _check_integer("seed", seed, 0, 2**64 - 1, "2^64 - 1")
 
 
 def _check_integer(name: str, value: Any, least: int, most: int, limit: str) -> None:

@@ -368,10 +368,7 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         self._stepping = Stepping(worlds)
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Tensor, dict[str, Any]]:
         """Reset every world; returns the observation (N, O) and an empty info.
 

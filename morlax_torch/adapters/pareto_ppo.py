@@ -15,8 +15,7 @@ from torch import Tensor
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs, one_tradeoff, parse_tradeoff, sample_cells
-from ..envs import MorlaxError
-from ..envs.errors import LONGEST, line
+from ..envs.errors import LONGEST, MorlaxError, line
 from ..envs.worlds.options import check_objectives
 from ..runs.checkpoint import RSL_RL
 from .pareto_options import ParetoOptions, take_options

@@ -9,8 +9,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from ..envs import MorlaxError
-from ..envs.errors import unknown, user_code
+from ..envs.errors import MorlaxError, unknown, user_code
 
 Weights = Mapping[str, float]  # factors by a term's name, or by a pattern such as track_*
 WATCHED = 1e-6  # weight of a term that the host does not pay, so that it computes the term

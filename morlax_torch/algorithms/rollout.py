@@ -49,11 +49,7 @@ class Rollout(NamedTuple):
 
 @torch.no_grad()
 def collect(
-    env: Worlds,
-    explore: Explore,
-    observation: Tensor,
-    rollout: Rollout,
-    generator: torch.Generator,
+    env: Worlds, explore: Explore, observation: Tensor, rollout: Rollout, generator: torch.Generator
 ) -> None:
     """Fill `rollout`: each of K actors explores its own cluster, G worlds in a row.
 

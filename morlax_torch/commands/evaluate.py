@@ -3,13 +3,13 @@
 import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError
 from ..host.phases import phase
 from .terminal import cli
-from .terminal.arguments import Device, OfRuns, parse
+from .terminal.arguments import Device, Positional, Trusting, arg, parse
 from .terminal.process import typed
 
 PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..reports.comparison import Evaluated
 
 
-class Evaluate(OfRuns):
+class Evaluate(Trusting):
     """Evaluate the policies of many trade-offs and print the indicators.
 
     Says how good the front is and what to do next. Writes each run's front (front.npz, front.csv),
@@ -28,6 +28,9 @@ class Evaluate(OfRuns):
     the median and quartiles of each indicator.
     """
 
+    runs: Annotated[tuple[str, ...], Positional, arg(metavar="RUN ...")]
+    """Run folders (runs/TASK or latest: the newest run), checkpoint files, or shipped policies; one
+    or more."""
     tradeoffs: int | None = None
     """Number of trade-offs: an even grid for two objectives; the corners and fixed random draws for
     more (None: as in training, or the 1024 random draws of another protocol)."""
@@ -55,6 +58,8 @@ class Evaluate(OfRuns):
 
 def command(arguments: Sequence[str]) -> None:
     options = dict(parse(Evaluate, arguments))
+    if not options["runs"]:
+        raise MorlaxError("name at least one run: its folder, such as runs/ant/..., or a file.")
     with cli.Live():
         from ..reports.evaluating import evaluate_runs  # imports torch
 

@@ -256,10 +256,7 @@ def config_class(env: str, algorithm: str = "morlax") -> type[Config]:
 @cache
 def _with_options(task: type[ObjectiveOptions], method: type[MethodOptions]) -> type[Config]:
     return pydantic.create_model(
-        "Config",
-        __base__=Config,
-        method=(method, method()),
-        task=(task, task.model_validate({})),
+        "Config", __base__=Config, method=(method, method()), task=(task, task.model_validate({}))
     )
 
 

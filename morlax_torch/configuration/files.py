@@ -9,8 +9,7 @@ import yaml
 from pydantic import BaseModel, Field
 
 from .. import envs
-from ..envs import MorlaxError
-from ..envs.errors import line, validated
+from ..envs.errors import MorlaxError, line, validated
 from ..envs.naming import is_file
 from ..host.files import AnyPath, read, write_file
 from ..host.torchrun import PROCESSES

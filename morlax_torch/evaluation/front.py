@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..configuration.sections import Protocol
-from ..envs import MorlaxError
-from ..envs.errors import LONGEST, line
+from ..envs.errors import LONGEST, MorlaxError, line
 from ..envs.worlds.options import check_objectives
 from ..host.files import AnyPath, read, replacing
 from . import pareto

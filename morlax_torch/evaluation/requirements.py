@@ -5,8 +5,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from ..envs import MorlaxError
-from ..envs.errors import unknown
+from ..envs.errors import MorlaxError, unknown
 
 
 class Limit(NamedTuple):

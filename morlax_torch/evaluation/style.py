@@ -54,11 +54,7 @@ def blank(width: float, height: float, title: str) -> Figure:
 
 
 def panels(
-    number: int,
-    columns: int,
-    size: tuple[float, float],
-    title: str,
-    room: float = 0.0,
+    number: int, columns: int, size: tuple[float, float], title: str, room: float = 0.0
 ) -> tuple[Figure, list[Axes]]:
     """Create a figure of so many plots of a size, and `room` beside them, in inches."""
     columns = min(number, columns)

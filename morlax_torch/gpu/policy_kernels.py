@@ -77,14 +77,7 @@ def sample(output: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
     A, rows = noise.shape[-1], log_prob.numel()
     with torch.cuda.device_of(output):
         _sample[(triton.cdiv(rows, ROWS),)](
-            output,
-            noise,
-            action,
-            log_prob,
-            rows,
-            A=A,
-            PADDED=triton.next_power_of_2(A),
-            ROWS=ROWS,
+            output, noise, action, log_prob, rows, A=A, PADDED=triton.next_power_of_2(A), ROWS=ROWS
         )
     return action, log_prob
 

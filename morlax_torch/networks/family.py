@@ -14,8 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
-from ..envs import MorlaxError
-from ..envs.errors import shortened
+from ..envs.errors import MorlaxError, shortened
 from ..envs.worlds.mirror import Reflection
 from ..gpu import fused
 from .mlp import Symmetric, mlp_sizes

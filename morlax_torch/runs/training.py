@@ -84,10 +84,7 @@ class Session:
         return cls(learner, evaluator, Run.create(learner, output))
 
     def training(
-        self,
-        began: float | None = None,
-        *,
-        stopped: Callable[[], bool] = lambda: False,
+        self, began: float | None = None, *, stopped: Callable[[], bool] = lambda: False
     ) -> Generator[Evaluation, None, None]:
         """Train to a limit of the learner's config, and yield each evaluation.
 

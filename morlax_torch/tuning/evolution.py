@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..envs import MorlaxError
-from ..envs.errors import installation
+from ..envs.errors import MorlaxError, installation
 
 try:
     import optuna

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .walking import torque_limits
+from .walking import Measures
 
 QUANTITIES = (
     "body error (mm)",  # of the key bodies, relative to the root; mjlab's r_mpkpe
@@ -69,16 +69,12 @@ def landing_impact(env: Any) -> Tensor:
     return rise.square().sum(1) * ~began
 
 
-class Following:
-    """Measures N robots of an environment of mjlab that follow a motion."""
+class Following(Measures):
+    """Measures robots that follow a motion."""
 
     def __init__(self, env: Any, command: Any):
-        self._env, self._command, self._robot = env, command, command.robot
+        super().__init__(env, command)
         self._metrics = import_module("mjlab.tasks.tracking.mdp.metrics")
-        indexing = self._robot.indexing
-        self._base = indexing.free_joint_v_adr[:3]
-        limits = torque_limits(env.sim.mj_model)[indexing.joint_v_adr.cpu().numpy()]
-        self._limits = torch.from_numpy(limits).float().to(indexing.joint_v_adr.device)
         self.look()
 
     def look(self) -> None:

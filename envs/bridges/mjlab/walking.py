@@ -24,15 +24,19 @@ SLOWEST = 0.3  # m/s; slower commands say little about walking
 COLUMNS = 9  # of `Walking.measure`, before those of joints
 
 
-class Walking:
-    """Measures N robots of an environment of mjlab that follow a velocity command."""
+class Measures:
+    """Measures N robots of an environment of mjlab, to which a term of mjlab gives commands."""
 
     def __init__(self, env: Any, command: Any):
-        self._model, self._command, self._robot = env.sim.mj_model, command, command.robot
-        indexing = self._robot.indexing
+        self._env, self._command, self._robot = env, command, command.robot
+        self._model, indexing = env.sim.mj_model, self._robot.indexing
         self._base = indexing.free_joint_v_adr[:3]
         limits = torque_limits(self._model)[indexing.joint_v_adr.cpu().numpy()]
         self._limits = torch.from_numpy(limits).float().to(indexing.joint_v_adr.device)
+
+
+class Walking(Measures):
+    """Measures robots that follow a velocity command."""
 
     def measure(self) -> Tensor:
         """Return numbers of this step, (N, COLUMNS + joints), to take means of."""
@@ -45,18 +49,9 @@ class Walking:
         along, effort = (velocity * wish).sum(1) * fast, torque.square().mean(1)
         jolts = data.data.qacc[:, self._base].square().sum(1)
         standing = (twist == 0).all(1).to(speed.dtype)
-        numbers = (
-            error,
-            speed,
-            along,
-            asked**2 * fast,
-            power,
-            effort,
-            jolts,
-            speed * standing,
-            standing,
-        )
-        return torch.cat([torch.stack(numbers, 1), (torque / self._limits).square()], 1)
+        walked = error, speed, along, asked**2 * fast, power, effort, jolts
+        numbers = torch.stack([*walked, speed * standing, standing], 1)
+        return torch.cat([numbers, (torque / self._limits).square()], 1)
 
     def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
         """Return quantities (K, q) from means over time (K, COLUMNS + joints), and falls a step."""

@@ -10,15 +10,14 @@ from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_origin
 
 import tyro
-from pydantic import BaseModel, Field, field_validator
+from pydantic import BaseModel, Field
 from pydantic_core import PydanticUndefined
 from tyro import constructors
 
 from ... import envs
 from ...configuration.config import DRAFT, Config, check_resumable, load_config
 from ...configuration.files import file_values, read_yaml, task_values
-from ...envs import MorlaxError
-from ...envs.errors import validated
+from ...envs.errors import MorlaxError, validated
 from ...envs.naming import absolute, is_file
 from ...envs.worlds.options import Section
 from ...host.torchrun import FIRST, MAY_RESTART, launch
@@ -62,19 +61,6 @@ class OfRun(Trusting):
         """Return the command line that uses the run."""
         moved = [] if self.env is None else ["--env", self.env]
         return typed(command, self.run, *["--trust"] * self.trust, *moved, *words)
-
-
-class OfRuns(Trusting):
-    runs: Annotated[tuple[str, ...], Positional, arg(metavar="RUN ...")]
-    """Run folders (runs/TASK or latest: the newest run), checkpoint files, or shipped policies; one
-    or more."""
-
-    @field_validator("runs")
-    @classmethod
-    def _some(cls, runs: tuple[str, ...]) -> tuple[str, ...]:
-        if not runs:
-            raise MorlaxError("name at least one run: its folder, such as runs/ant/..., or a file.")
-        return runs
 
 
 class Limits(Section):
@@ -206,19 +192,6 @@ class Train(Section):
     """Show the robot and the growing front in the browser, as `morlax explore` does."""
 
 
-def begin(arguments: Sequence[str]) -> tuple[Train, list[str]]:
-    """Read the options of `Train`, and return the others, which are those of a config.
-
-    With --help, print the options that people use, and exit, without importing torch.
-    """
-    if {"-h", "--help"} & set(arguments):
-        print_help()
-        sys.exit(0)
-    settings: Any = {"default": Train(), "add_help": False, "return_unknown_args": True}
-    values, others = _typed(Train, Train, arguments, **settings)
-    return validated(Train, values), others
-
-
 def print_help() -> None:
     """Print the options of `train` that people use, under their headings, and examples."""
     from rich.table import Column, Table  # takes a while to import
@@ -303,8 +276,16 @@ def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
 
 
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Train]":
-    """Read the command line of `train`: its config, the run to resume, and other options."""
-    start, others = begin(arguments)
+    """Read the command line of `train`: its config, the run to resume, and other options.
+
+    With --help, print the options that people use, and exit, without importing torch.
+    """
+    if {"-h", "--help"} & set(arguments):
+        print_help()
+        sys.exit(0)
+    settings: Any = {"default": Train(), "add_help": False, "return_unknown_args": True}
+    values, others = _typed(Train, Train, arguments, **settings)
+    start = validated(Train, values)
     if HELP_ALL in others and not (start.env or start.config or start.resume):
         start = start.model_copy(update={"env": USUAL})
     if start.resume is not None:

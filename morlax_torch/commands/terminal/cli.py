@@ -15,8 +15,7 @@ from typing import NoReturn, Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ...envs import MorlaxError
-from ...envs.errors import MorlaxWarning, words
+from ...envs.errors import MorlaxError, MorlaxWarning, words
 from ...host.phases import heard_by
 from ...host.torchrun import FIRST, SEVERAL
 from ...host.version import __version__

@@ -21,7 +21,7 @@ from ...runs.loading import bookmark, bookmarks, evaluate, own_folder, rename_bo
 from ...runs.progress import kept_fronts
 from ..describing import front_map, moment_map
 from . import library
-from .comparisons import Comparison
+from .preference import Comparison
 from .session import Put, Session, Weights, policies_of
 
 MOST = 4  # robots

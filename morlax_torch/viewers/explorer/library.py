@@ -9,8 +9,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-from ...envs import MorlaxError
-from ...envs.errors import unknown
+from ...envs.errors import MorlaxError, unknown
 from ...envs.making import has_robot
 from ...envs.naming import GYMNASIUM, MJLAB, runs_code, title
 from ...evaluation.requirements import Choice as Chosen

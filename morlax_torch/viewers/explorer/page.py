@@ -12,8 +12,7 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError, create_model
 
-from ...envs import MorlaxError
-from ...envs.errors import words
+from ...envs.errors import MorlaxError, words
 from .. import libraries
 from .exhibits import Request, RunExhibit
 from .server import Server, ServerConnection

@@ -18,8 +18,7 @@ from functools import cache
 from http import HTTPStatus
 from pathlib import Path
 
-from ...envs import MorlaxError
-from ...envs.errors import installation
+from ...envs.errors import MorlaxError, installation
 
 try:
     from websockets.asyncio.server import ServerConnection, broadcast, serve

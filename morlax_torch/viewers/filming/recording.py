@@ -17,8 +17,7 @@ from PIL import Image, ImageDraw
 
 from ...configuration.schedules import Schedule
 from ...configuration.tradeoffs import typical_tradeoffs
-from ...envs import MorlaxError
-from ...envs.errors import installation
+from ...envs.errors import MorlaxError, installation
 from ...evaluation.figures import map_figure
 from ...evaluation.front import Front
 from ...evaluation.style import pixels

@@ -64,10 +64,7 @@ class Scene(AbstractContextManager["Scene"]):
         self._renderer = mujoco.Renderer(model, height, width)
 
     def draw(
-        self,
-        data: mujoco.MjData,
-        camera: mujoco.MjvCamera,
-        ghost: mujoco.MjData | None = None,
+        self, data: mujoco.MjData, camera: mujoco.MjvCamera, ghost: mujoco.MjData | None = None
     ) -> NDArray[np.uint8]:
         """Render the state in `data` as `camera` sees it: (height, width, 3) RGB.
 

@@ -14,8 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ...envs import MorlaxError
-from ...envs.errors import installation, line
+from ...envs.errors import MorlaxError, installation, line
 from ...host.files import attempting, read
 from ...host.phases import phase
 from .following import robot_for

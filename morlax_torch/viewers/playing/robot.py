@@ -17,8 +17,7 @@ from pydantic import AliasPath, BaseModel, Field, model_validator
 
 from ...configuration.files import read_yaml
 from ...configuration.schedules import Schedule
-from ...envs import MorlaxError
-from ...envs.errors import line, unknown, validated
+from ...envs.errors import MorlaxError, line, unknown, validated
 from ...envs.worlds.trees import base_of
 from ...exports.deployment import SETTINGS
 from ...host.files import read
