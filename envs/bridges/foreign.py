@@ -89,19 +89,6 @@ class ForeignWorlds(Worlds):
     def _advance(self, action: Tensor) -> Outcome:
         """Step every world; with automatic reset, also restart those whose episode is over."""
 
-    def _ended(
-        self, action: Tensor, final: Tensor, terms: Tensor, failed: Tensor, timed_out: Tensor | bool
-    ) -> Outcome:
-        """Return the outcome of a step in a library without time limits and automatic reset."""
-        blown_up = ~torch.cat([final, terms, action], 1).isfinite().all(1)
-        self.age += 1
-        failed = failed | blown_up
-        timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
-        seen, over = final, failed | timed_out
-        if self.auto_reset and over.any():  # waits for a GPU: most steps copy no whole state
-            seen = self._restart(over, final)
-        return Outcome(seen, final, terms, failed, timed_out, blown_up)
-
     def restart(self, which: Tensor) -> Tensor:
         checks.mask(self, which)
         self._seen.copy_(self._restart(which, self._seen))

@@ -157,7 +157,12 @@ class GymnasiumWorlds(ForeignWorlds):
                 self._observation[world] = self._flat(observation)
                 failed[world], timed_out[world] = bool(terminated), bool(truncated)
         final, paid = _in_float32(self._observation), _in_float32(rewards)
-        return self._ended(action, final, paid, failed, timed_out)
+        blown_up = ~torch.cat([final, paid, action], 1).isfinite().all(1)
+        self.age += 1
+        failed |= blown_up
+        timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
+        seen = self._restart(failed | timed_out, final) if self.auto_reset else final
+        return Outcome(seen, final, paid, failed, timed_out, blown_up)
 
     def reseed(self, seed: int) -> None:
         super().reseed(seed)

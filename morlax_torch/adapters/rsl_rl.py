@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..envs import Environment, MorlaxError
+from ..envs import Environment
 from ..envs.bridges.foreign import require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium import GymnasiumVectorEnv
@@ -57,7 +57,7 @@ class RslRlVecEnv(VecEnv):
             task, num_envs, device, backend, tradeoff, model_seed=seed, **task_options
         )
         self._statistics = EpisodeStatistics(self.vector)
-        self._task, self._worlds = task, (worlds := self.vector.worlds)
+        self._worlds = worlds = self.vector.worlds
         self.num_envs, self.num_actions = num_envs, worlds.action_size
         self.device, self.max_episode_length = worlds.device, worlds.episode_length
         self.cfg = Arguments(task=task, tradeoff=list(tradeoff), num_envs=num_envs, **task_options)
@@ -71,24 +71,12 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def episode_length_buf(self) -> Tensor:
-        """Control steps of each world's current episode, (N,); writable, to shift time limits.
-
-        Raises:
-            MorlaxError: the task's own simulator counts them.
-        """
-        return self._ages().long()
+        """Control steps of each world's current episode, (N,); writable, to shift time limits."""
+        return self._worlds.age.long()
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: Tensor) -> None:
-        self._ages().copy_(steps)
-
-    def _ages(self) -> Tensor:
-        if not hasattr(self._worlds, "age"):
-            raise MorlaxError(
-                f"{self._task} keeps its own time limits, which rsl_rl cannot shift: call "
-                "learn with init_at_random_ep_len=False."
-            )
-        return self._worlds.age
+        self._worlds.age.copy_(steps)
 
     def get_observations(self) -> TensorDict:
         """Return the current observations by group."""

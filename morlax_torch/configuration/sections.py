@@ -1,15 +1,13 @@
 """The sections of a config, each with its numbers."""
 
 import math
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt
 
 from ..envs.worlds.options import Count, Section
 
 Algorithm = Literal["morlax", "hyper-sac", "amor", "hyper-morl", "independent", "rsl-rl"]
-# rsl-rl trains in rsl_rl's own runner
-ALGORITHMS: tuple[str, ...] = tuple(name for name in get_args(Algorithm) if name != "rsl-rl")
 MIN_STD = 1e-3  # smallest standard deviation of pre-tanh actions
 DECAYS, EPSILON = (0.9, 0.999), 1e-8  # of Adam's moments, per step; keeps its steps finite
 

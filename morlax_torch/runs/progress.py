@@ -51,13 +51,10 @@ class Evaluation(NamedTuple):
         }
 
     @property
-    def measured(self) -> dict[str, float]:
-        """The indicators that checkpoints, trials and so on are chosen by."""
-        return self.indicators if self.selection is None else self.selection
-
-    @property
     def selection_hypervolume(self) -> float:
-        return self.measured[hypervolume_in(self.measured)]
+        """The hypervolume that the best checkpoint is chosen by."""
+        indicators = self.indicators if self.selection is None else self.selection
+        return indicators[hypervolume_in(indicators)]
 
     def row(self) -> dict[str, Any]:
         return {

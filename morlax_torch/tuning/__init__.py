@@ -1,1 +1,1 @@
-"""Hyperparameter search with Optuna."""
+"""Searches by NSGA-II: for bodies, and for trade-offs that change over time."""

@@ -2,7 +2,6 @@
 
 import json
 from functools import lru_cache
-from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
@@ -48,26 +47,14 @@ def described_task(env: Robot) -> dict[str, Any]:
 
 
 def explain(env: Robot, objective: str) -> str:
-    """Return an objective's weighted reward terms, and the docstrings of the task's methods.
-
-    Objectives of foreign tasks have only their name.
-    """
-    options = getattr(env, "options", None)
-    terms = getattr(options, "objectives", {}).get(objective)
-    if not terms:
-        return f"Weight of {objective}."
+    """Return an objective's weighted reward terms."""
 
     def weighted(terms: dict[str, float]) -> str:
         return " + ".join(f"{w:g} * {term}" for term, w in terms.items()).replace("+ -", "- ")
 
-    parts = [f"{objective} = {weighted(terms)}"]
-    if shared := getattr(options, "shared", {}):
-        parts.append(f"Every objective also gets {weighted(shared)}")
-    for term in terms:
-        method = getattr(type(env), term.replace(" ", "_"), None)
-        if callable(method) and method.__doc__ and not hasattr(Robot, term):
-            parts.append(f"{term}: {cleandoc(method.__doc__).splitlines()[0].rstrip('.')}")
-    return ". ".join(parts) + "."
+    note = f"{objective} = {weighted(env.options.objectives[objective])}."
+    shared = env.options.shared
+    return f"{note} Every objective also gets {weighted(shared)}." if shared else note
 
 
 def front_map(front: Front, env: Robot) -> dict[str, Any]:

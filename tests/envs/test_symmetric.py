@@ -12,10 +12,9 @@ import torch
 from tiny import Blind, learner, tiny
 
 from morlax_torch import MorlaxError, Policy, envs, load, save
-from morlax_torch.algorithms.registry import make_learner
+from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.trainer import DesignDraws
 from morlax_torch.configuration.files import task_values
-from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.envs.worlds.mirror import Mirror, Reflection, check
 from morlax_torch.exports.exporting import export
 from morlax_torch.networks.hypernetwork import Hypernetwork
@@ -60,7 +59,7 @@ def test_mirrored_observations_give_mirrored_actions_and_equal_values(tmp_path, 
     torch.testing.assert_close(loaded(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", LEARNERS)
 def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constants):
     learning = {"method.batch": 8, "method.updates": 2} if algorithm == "hyper-sac" else {}
     constants("hyper-sac", start=32)

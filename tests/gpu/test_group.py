@@ -9,7 +9,7 @@ import two_processes
 from same import assert_same
 from torch.testing import assert_close
 
-from morlax_torch.configuration.sections import ALGORITHMS
+from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.envs.devices import seed_of
 from morlax_torch.gpu.group import ALONE
 
@@ -18,13 +18,13 @@ from morlax_torch.gpu.group import ALONE
 def found(tmp_path_factory) -> list[dict]:
     folder = tmp_path_factory.mktemp("processes")
     launch = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2"]
-    words = [*launch, "--standalone", two_processes.__file__, str(folder), *ALGORITHMS]
+    words = [*launch, "--standalone", two_processes.__file__, str(folder), *LEARNERS]
     done = subprocess.run(words, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return [torch.load(folder / f"{rank}.pt") for rank in range(2)]
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", LEARNERS)
 @pytest.mark.slow
 def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algorithm):
     one, other = (process[algorithm] for process in found)
@@ -36,7 +36,7 @@ def test_all_processes_have_the_same_agent_from_worlds_of_their_own(found, algor
     assert not torch.equal(one["generator"], other["generator"])
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", LEARNERS)
 @pytest.mark.slow
 def test_all_processes_train_the_first_one_s_own_networks(found, algorithm):
     one, other = (process["own"][algorithm] for process in found)
