@@ -42,14 +42,14 @@ from typing import Any, NamedTuple
 
 import torch
 import tyro
-from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
 
 from morlax_torch import config_for, load
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.files import merged, read_yaml
-from morlax_torch.envs.errors import explained, words
+from morlax_torch.envs.errors import validated, words
 from morlax_torch.evaluation.evaluator import make_evaluator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
@@ -152,10 +152,7 @@ def main(
         fronts: Folder for the fronts of the best checkpoints.
         device: cuda or cpu (None: all GPUs, or the CPU without any).
     """
-    try:
-        runs = Plan(**read_yaml(plan))
-    except ValidationError as error:
-        raise explained(error, Plan) from None
+    runs = validated(Plan, read_yaml(plan))
     cards = torch.cuda.device_count() if device != "cpu" else 0
     end, lock = time.monotonic() + 60 * minutes, threading.Lock()
     while True:

@@ -19,11 +19,11 @@ from pathlib import Path
 import torch
 import tyro
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from morlax_torch.commands.terminal import cli
 from morlax_torch.envs import MorlaxError
-from morlax_torch.envs.errors import explained
+from morlax_torch.envs.errors import validated
 
 
 class Job(BaseModel, extra="forbid"):
@@ -111,10 +111,7 @@ def main(
 
 def read(plan: Path) -> list[Job]:
     """Return the jobs of a plan, each with at most one seed."""
-    try:
-        listed = [Job.model_validate(item) for item in yaml.safe_load(plan.read_text())]
-    except ValidationError as error:
-        raise explained(error, Job) from None
+    listed = [validated(Job, item) for item in yaml.safe_load(plan.read_text())]
     return [job for each in listed for job in each.each()]
 
 

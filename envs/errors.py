@@ -81,19 +81,15 @@ def validated(model: type[M], values: Any, source: str = "", context: object = N
     try:
         return model.model_validate(values, context=context)
     except ValidationError as error:
-        raise MorlaxError(f"{source}{explained(error, model)}") from None
-
-
-def explained(error: ValidationError, model: type[BaseModel]) -> MorlaxError:
-    """Turn pydantic's findings into plain sentences that suggest the nearest known keys."""
-    findings = error.errors()
+        findings = error.errors()
     sentences = [_sentence(finding, model) for finding in findings[:MOST_FINDINGS]]
     if len(findings) > MOST_FINDINGS:
         sentences.append(f"There are {len(findings) - MOST_FINDINGS} more such mistakes.")
-    return MorlaxError(" ".join(sentences))
+    raise MorlaxError(source + " ".join(sentences))
 
 
 def _sentence(finding: Mapping[str, Any], model: type[BaseModel]) -> str:
+    """Turn a finding of pydantic into a plain sentence that suggests the nearest known key."""
     path, value = list(finding["loc"]), finding["input"]
     if finding["type"] == "extra_forbidden":
         *path, last = path

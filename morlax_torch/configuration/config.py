@@ -106,10 +106,6 @@ class Config(Section):
         return load_config, (self.model_dump(),)
 
     @property
-    def ends(self) -> bool:
-        return self.max_env_steps is not None or self.max_seconds is not None
-
-    @property
     def fitting_target(self) -> float | None:
         """The target: a user's, or the task's unless returns are counted in another way."""
         names = changed(self.model_dump(mode="json"))
@@ -144,17 +140,9 @@ class Config(Section):
         return num_objectives if corners is None else corners
 
     @property
-    def num_networks(self) -> int:
-        """R, the number of independent networks; 0 of other types."""
-        return self.sampling.clusters if self.network.type == "independent" else 0
-
-    @property
     def off_policy(self) -> bool:
         """Whether critics value a state and an action, twice."""
         return isinstance(self.method, HyperSACOptions)
-
-    def num_values(self, num_objectives: int) -> int:
-        return 1 if self.ppo.critic == "scalar" else num_objectives
 
     @pydantic.model_validator(mode="after")
     def _consistent(self, info: ValidationInfo) -> Self:
@@ -169,7 +157,8 @@ class Config(Section):
             "sampling.focus": self.sampling.focus,
             f"algorithm {self.algorithm}": isinstance(self.method, HyperMORLOptions),
         }
-        for name in (name for name, used in limited.items() if used and not self.ends):
+        endless = self.max_env_steps is None and self.max_seconds is None
+        for name in (name for name, used in limited.items() if used and endless):
             raise ValueError(f"{name} needs max_env_steps or max_seconds: it takes a share of them")
         return self
 

@@ -111,7 +111,8 @@ class Agent(nn.Module):
     ):
         super().__init__()
         network, m = config.network, sizes.objectives
-        self.num_networks = config.num_networks
+        # R, that are independent of each other; 0 of other types
+        self.num_networks = config.sampling.clusters if network.type == "independent" else 0
         self.observation_size, self.privileged_size = sizes.observation, sizes.privileged
         self.action_size, self.num_objectives = sizes.action, m
         self.designs, self._max_std = dict(sizes.designs), network.max_std
@@ -127,7 +128,7 @@ class Agent(nn.Module):
         self.context: Tensor  # (d,) of the body that the task names; empty without designs
         self.register_buffer("context", context, persistent=False)
         self._own = [name for name, x in (("actor", actor), ("critic", critic)) if x is not None]
-        self.num_values = config.num_values(m)
+        self.num_values = 1 if config.ppo.critic == "scalar" else m
         actor, critic = self._networks(actor, critic, config, generator)
         if network.symmetric:
             actor, critic = self._symmetric(actor, critic, config, mirror)

@@ -10,7 +10,6 @@ from ..configuration.config import flat
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError
 from ..envs.naming import movable
-from ..evaluation import pareto
 from ..evaluation.front import Front
 from ..host.files import AnyPath
 from ..networks.policy import Policy
@@ -62,10 +61,6 @@ def history_of(run: AnyPath) -> History | None:
     return History.load(curve) if curve.is_file() else None
 
 
-def histories(runs: Mapping[str, Evaluated]) -> dict[str, History]:
-    return {name: run.history for name, run in runs.items() if run.history is not None}
-
-
 def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None = None) -> Protocol:
     """Return the protocol by which the returns of policies, given by name, can be compared.
 
@@ -102,10 +97,6 @@ def repeated(runs: Mapping[str, Evaluated]) -> bool:
     differing = {name for other in others for name in other if other[name] != first.get(name)}
     seeds = {first["seed"], *(other["seed"] for other in others)}
     return differing <= FREE and 1 < len(seeds) == len(runs)
-
-
-def union(fronts: Sequence[Front]) -> np.ndarray:
-    return pareto.front(np.concatenate([front.returns for front in fronts]))
 
 
 def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, float]:

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError, resolve_device
+from ..evaluation import pareto
 from ..evaluation.evaluator import usual_tradeoffs
 from ..evaluation.front import Front
 from ..host.files import unused
@@ -70,7 +71,7 @@ def evaluate_runs(
         with within(name):
             fronts[name] = evaluated(policy)._replace(checkpoint=files[name].name)
     if target is None and len(fronts) > 1:
-        target = comparison.union(list(fronts.values()))
+        target = pareto.front(np.concatenate([front.returns for front in fronts.values()]))
     evaluations = {}
     for name, run in named.items():
         measures = comparison.measures(fronts[name], target)

@@ -173,7 +173,7 @@ def write(
     runs, several = list(evaluations.values()), len(evaluations) > 1
     repeated = comparison.repeated(evaluations)
     task = title(runs[0].policy.config.env)
-    histories = comparison.histories(evaluations)
+    histories = {name: run.history for name, run in evaluations.items() if run.history}
     protocols = {run.policy.config.evaluation.protocol for run in runs}
 
     def save(path: Path, caption: str, figure: Figure) -> None:

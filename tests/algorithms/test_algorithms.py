@@ -15,11 +15,11 @@ from torch.testing import assert_close
 from morlax_torch import MorlaxError, config_for, load, save
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.methods import AMOR, HyperMORL
-from morlax_torch.algorithms.registry import make_learner
+from morlax_torch.algorithms.registry import LEARNERS, make_learner
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
-from morlax_torch.configuration.sections import ALGORITHMS, PPOConfig
+from morlax_torch.configuration.sections import PPOConfig
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.family import Independent
@@ -79,7 +79,7 @@ def iterate(learner: Any, iterations: int) -> None:
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize(
     "algorithm",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name != "morlax")) for name in ALGORITHMS],
+    [pytest.param(name, marks=[pytest.mark.slow] * (name != "morlax")) for name in LEARNERS],
 )
 def test_it_finds_the_front(algorithm, device):
     if device == "cuda" and not torch.cuda.is_available():
@@ -102,7 +102,7 @@ def test_it_finds_the_front(algorithm, device):
 @pytest.mark.parametrize(
     ("algorithm", "changes"),
     [
-        *(pytest.param(name, {}, id=name) for name in ALGORITHMS),
+        *(pytest.param(name, {}, id=name) for name in LEARNERS),
         pytest.param("morlax", SCALAR, id="as released"),
         pytest.param("amor", SPARSE, id="sparse amor"),
         pytest.param("hyper-sac", LONGER, id="hyper-sac, longer"),
@@ -264,7 +264,7 @@ def test_another_reward_of_one_tradeoff_changes_that_policy_alone(worlds, monkey
     assert same.tolist() == [True, True, False, *[True] * 5]
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", LEARNERS)
 def test_a_resumed_run_s_policies_still_return_what_was_measured(algorithm, tmp_path):
     """Loaded, saved without training's state and loaded again, and as the policy of a trade-off."""
     folder = train(small(algorithm, 6, **LONGER), output=tmp_path / "run").folder

@@ -15,10 +15,10 @@ from tiny import TYPED, tiny
 
 from morlax_torch import config_for, envs
 from morlax_torch.__main__ import COMMANDS, command
+from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.commands.terminal import arguments, cli, display
 from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.configuration.config import Config, config_class, flat
-from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.host.phases import phase, within
 from morlax_torch.runs.progress import Progress, read_rows
 from morlax_torch.runs.training import TRAINING
@@ -172,7 +172,7 @@ def undescribed(model: type[BaseModel], prefix: str = "") -> list[str]:
 @pytest.mark.parametrize("env", envs.names())
 def test_every_option_has_a_text(env):
     models = [arguments.Train]
-    models += [config_class(env, name) for name in ALGORITHMS]
+    models += [config_class(env, name) for name in LEARNERS]
     for model in models:
         assert not undescribed(model)
 

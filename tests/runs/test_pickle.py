@@ -11,8 +11,8 @@ import torch
 from tiny import tiny
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load
+from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.configuration.config import Config
-from morlax_torch.configuration.sections import ALGORITHMS
 from morlax_torch.networks.agent import Agent, Sizes
 
 WEIGHTS = (0.3, 0.7)
@@ -26,7 +26,7 @@ class Leaping(envs.get("hopper")):
 
 
 CASES = [("bruce", "morlax"), ("mo-gymnasium/hopper", "morlax")]
-CASES += [("cheetah", name) for name in ALGORITHMS]
+CASES += [("cheetah", name) for name in LEARNERS]
 
 
 @pytest.mark.parametrize(("env", "algorithm"), CASES)

@@ -28,7 +28,6 @@ MOST = 4  # robots
 TRADEOFFS = 33  # of the front of a new body: few, so that it follows soon
 SCAN = 3.0  # s between searches for new runs
 LOOK = 1.0  # s between looks at the files that training writes
-Wanted = tuple[dict[str, float], str, dict[str, float]]  # arguments of `Chooser.choose`
 Request = dict[str, Any]  # "act", and the fields of that act
 
 
@@ -94,23 +93,20 @@ class Thresholds:
             self.maximized = next((i for i in free if i not in self.levels), self.maximized)
         self.search()
 
-    def _wanted(self) -> Wanted:
-        """Return what is required and maximized, by name."""
-        named = {self.names[index]: level for index, level in self.levels.items()}
-        least = {name: level for name, level in named.items() if name not in self._lower}
-        most = {name: level for name, level in named.items() if name in self._lower}
-        return least, self.names[self.maximized], most
-
     def search(self) -> None:
         """Search for the trade-off that meets the thresholds, now or after the current search."""
         self.choice, self.reason, self.progress = None, "", {}
         search = self.current = object()
         if self.levels and not self.searching:
-            self.searching, self._rounds, wanted = True, 0, self._wanted()
+            self.searching, self._rounds = True, 0
+            named = {self.names[index]: level for index, level in self.levels.items()}
+            least = {name: level for name, level in named.items() if name not in self._lower}
+            most = {name: level for name, level in named.items() if name in self._lower}
+            maximized = self.names[self.maximized]
 
             def work() -> Choice:
                 with heard_by(partial(self._hear, search)):
-                    return self._chooser().choose(*wanted)
+                    return self._chooser().choose(least, maximized, most)
 
             _aside(work, self._put, partial(self._end, search))
 
