@@ -56,11 +56,6 @@ def names(runs: Sequence[AnyPath]) -> list[str]:
     return ["/".join(part[-depth:]) for part in parts]
 
 
-def history_of(run: AnyPath) -> History | None:
-    curve = find_run(run) / "metrics.csv"
-    return History.load(curve) if curve.is_file() else None
-
-
 def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None = None) -> Protocol:
     """Return the protocol by which the returns of policies, given by name, can be compared.
 

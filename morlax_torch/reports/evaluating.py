@@ -20,6 +20,7 @@ from ..networks.policy import Policy
 from ..runs import loading
 from ..runs.checkpoint import front_path
 from ..runs.hardware import read_machines
+from ..runs.progress import History
 from . import comparison
 from .comparison import Evaluated
 from .page import indicator_cells, words, write
@@ -58,8 +59,10 @@ def evaluate_runs(
         tradeoffs = max(usual_tradeoffs(config, protocol) for config in configs)
     seeds = max(config.evaluation.seeds for config in configs) if seeds is None else seeds
     # damaged files are refused before the evaluation
-    histories = {name: comparison.history_of(run) for name, run in named.items()}
-    machines = {name: read_machines(loading.find_run(run)) for name, run in named.items()}
+    folders = {name: loading.find_run(run) for name, run in named.items()}
+    curves = {name: run / "metrics.csv" for name, run in folders.items()}
+    histories = {name: History.load(x) if x.is_file() else None for name, x in curves.items()}
+    machines = {name: read_machines(run) for name, run in folders.items()}
 
     def evaluated(policy: Policy) -> Front:
         return loading.evaluate(policy, tradeoffs, protocol, device, backend, seed, seeds)
