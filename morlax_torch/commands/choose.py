@@ -9,7 +9,7 @@ from pydantic import Field, PositiveFloat
 from ..envs import MorlaxError
 from ..host.files import write_file
 from .terminal import cli
-from .terminal.arguments import Device, Limits, OfRun, Texts, arg, parse
+from .terminal.arguments import Device, Limits, OfRun, arg, parse
 
 if TYPE_CHECKING:
     from ..evaluation.requirements import Choice
@@ -26,8 +26,6 @@ class Choose(OfRun, Limits):
 
     maximize: Annotated[str, arg(metavar="NAME")]
     """The objective or quantity to maximize."""
-    constrain: Annotated[Texts, arg(metavar="'run >= 2000'")] = ()
-    """The same as 'run >= 2000' or 'power <= 60', which a shell needs in quotes."""
     margin: float | None = None
     """Share of a value's range on the front by which its requirement must be exceeded (None: 0.02
     for tasks with random starts, models or commands, otherwise 0)."""
@@ -57,7 +55,7 @@ class Choose(OfRun, Limits):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Choose, arguments)
-    least, most = options.limits(options.constrain)
+    least, most = options.limits()
     if options.card is not None and options.card.suffix != ".html":
         raise MorlaxError(f"the decision card {options.card} must end in .html.")
     if options.over_time:

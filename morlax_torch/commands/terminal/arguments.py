@@ -71,28 +71,24 @@ class Limits(Section):
     at_most: Annotated[Texts, arg(metavar="power=60")] = ()
     """Largest value of an objective or quantity, once per requirement."""
 
-    def limits(self, more: Sequence[str] = ()) -> tuple[dict[str, float], dict[str, float]]:
+    def limits(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return the least and the largest values by name, the strictest of each.
 
-        `more` are requirements such as "run >= 2000". "run=500 @ 3-5" is named "run @ 3-5".
+        "run=500 @ 3-5" is named "run @ 3-5".
         """
         least, most = {}, {}
-        rows = numbers(self.at_least, "--at-least run=2000")
-        texts = [text for text in more if "<=" not in text]
-        for name, level in rows + numbers(texts, "--constrain 'run >= 2000'", ">="):
+        for name, level in numbers(self.at_least, "--at-least run=2000"):
             least[name] = max(level, least.get(name, level))
-        rows = numbers(self.at_most, "--at-most power=60")
-        texts = [text for text in more if "<=" in text]
-        for name, level in rows + numbers(texts, "--constrain 'power <= 60'", "<="):
+        for name, level in numbers(self.at_most, "--at-most power=60"):
             most[name] = min(level, most.get(name, level))
         return least, most
 
 
-def numbers(texts: Sequence[str], example: str, sign: str = "=") -> list[tuple[str, float]]:
+def numbers(texts: Sequence[str], example: str) -> list[tuple[str, float]]:
     """Read names and numbers, such as "thigh=0.4"; a refusal shows the example."""
     rows = []
     for text in texts:
-        name, _, level = (part.strip() for part in text.partition(sign))
+        name, _, level = (part.strip() for part in text.partition("="))
         level, at, window = (part.strip() for part in level.partition("@"))
         try:
             number = float(level) if name else math.nan
