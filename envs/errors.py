@@ -3,6 +3,7 @@
 import difflib
 import reprlib
 import traceback
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -27,6 +28,11 @@ class MorlaxError(Exception):
 
 class MorlaxWarning(UserWarning):
     """What a user should know, in one sentence, which commands print."""
+
+
+def warn_user(sentence: str) -> None:
+    """Give a `MorlaxWarning` from the caller of the function that calls this."""
+    warnings.warn(sentence, MorlaxWarning, stacklevel=3)
 
 
 def installation(extra: str) -> str:

@@ -3,7 +3,6 @@
 `env` is an `Environment` that is being built.
 """
 
-import warnings
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, MorlaxWarning, user_code
+from ..errors import MorlaxError, user_code, warn_user
 from .trees import base_of
 
 
@@ -65,12 +64,10 @@ class Unsaved:
         ]
         self._warned.update(new)
         if new:
-            warnings.warn(
+            warn_user(
                 f"{type(self._env).__name__} changes {', '.join(new)}, with one row per world, "
                 "which no checkpoint saves, so a resumed run will differ: declare such tensors in "
-                "initial_state() (docs/your-own-robot.md).",
-                MorlaxWarning,
-                stacklevel=2,
+                "initial_state() (docs/your-own-robot.md)."
             )
 
 

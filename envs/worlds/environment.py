@@ -1,7 +1,6 @@
 """Base class of MuJoCo tasks: stepping, episode ends, automatic resets and rewards."""
 
 import sys
-import warnings
 from abc import abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..devices import Draws, restore_generator
-from ..errors import MorlaxError, MorlaxWarning, user_code
+from ..errors import MorlaxError, user_code, warn_user
 from ..physics.interface import Physics, explained
 from ..physics.mujoco import MujocoPhysics
 from . import checks, episodes, randomization
@@ -338,10 +337,8 @@ class Environment(Robot):
         # The state may come from the other simulator: what it lacks of the physics or of the task's
         # own tensors is reset.
         if new := [name for name in self.state if f"state.{name}" not in state]:
-            warnings.warn(
-                f"the saved worlds lack {', '.join(new)} of the task, which is reset instead.",
-                MorlaxWarning,
-                stacklevel=2,
+            warn_user(
+                f"the saved worlds lack {', '.join(new)} of the task, which is reset instead."
             )
         values: dict[str, Any] = {name: start for name, (_, start) in self.physics.parts.items()}
         values |= {f"state.{name}": value for name, value in self._initial.items()}

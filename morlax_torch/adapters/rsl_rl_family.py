@@ -142,13 +142,9 @@ class FamilyModel(MLPModel):
 
         Each objective's value starts as that of the whole reward.
         """
-        self.obs_normalizer.load_state_dict(
-            {
-                name.removeprefix("obs_normalizer."): value
-                for name, value in state.items()
-                if name.startswith("obs_normalizer.")
-            }
-        )
+        prefix = "obs_normalizer."
+        statistics = {k.removeprefix(prefix): x for k, x in state.items() if k.startswith(prefix)}
+        self.obs_normalizer.load_state_dict(statistics)
         parts = self.family.bias.split(self.family.sizes)
         for part, (name, shape) in zip(parts, self.family.shapes.items(), strict=True):
             part.copy_(state[plain_name(name, self.std_name)].expand(shape).flatten())

@@ -9,7 +9,6 @@ import glob
 import hashlib
 import os
 import shutil
-import warnings
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -20,7 +19,7 @@ import numpy as np
 from .. import envs
 from ..configuration.config import Config
 from ..envs import Environment, MorlaxError, Worlds
-from ..envs.errors import MorlaxWarning, shortened
+from ..envs.errors import shortened, warn_user
 from ..envs.naming import absolute, is_file, title
 from ..host.files import attempting, make_folder, read, write_file
 
@@ -109,11 +108,9 @@ def localized(values: dict[str, Any], folder: Path) -> dict[str, Any]:
         values[field] = f"{copy}:{member}"
         if os.path.isfile(file):
             wish = f"name {name} with --env" if field == "env" else "start a new run"
-            warnings.warn(
+            warn_user(
                 f"{changed[0]} is not as it was when the run began, so the run uses its own copy "
-                f"in {(folder / copies).resolve()}: to use the edited one, {wish}.",
-                MorlaxWarning,
-                stacklevel=2,
+                f"in {(folder / copies).resolve()}: to use the edited one, {wish}."
             )
     return values
 
@@ -172,10 +169,8 @@ def check_model(
         return False
     kinds = [kind for kind in current if kind in stored and stored[kind] != current[kind]]
     if kinds and warn:
-        warnings.warn(
+        warn_user(
             f"the robot's model is not the one that {path} was trained with (other numbers of: "
-            f"{', '.join(kinds)}), so returns may differ.",
-            MorlaxWarning,
-            stacklevel=2,
+            f"{', '.join(kinds)}), so returns may differ."
         )
     return bool(kinds)
