@@ -85,8 +85,6 @@ class Progress(BaseModel):
     best_hypervolume: float = 0.0  # of best.pt, as reported
     best_selection: float | None = None  # on the episodes that choose; None: the next one is best
     evaluated: bool = True  # whether metrics.csv has the row of the checkpoint
-    # hypervolumes estimated while training, since the command began
-    estimates: list[float] = Field(default_factory=list, exclude=True)
 
     def improved(self, selection: float, hypervolume: float) -> bool:
         """Store the hypervolumes of an evaluation; returns whether it is the best so far."""

@@ -173,8 +173,7 @@ class Session:
         metrics["env_steps_per_second"] = progress.steps_per_second
         scalars = {f"train/{name}": value for name, value in metrics.items()}
         if learner.rates is not None:
-            progress.estimates.append(self.evaluator.estimate(learner.rates))
-            scalars["front/hypervolume_estimate"] = progress.estimates[-1]
+            scalars["front/hypervolume_estimate"] = self.evaluator.estimate(learner.rates)
         self.on_metrics(scalars, learner.env_steps)
         if self._output:
             writer.put(partial(self._output.log_scalars, scalars, learner.env_steps))

@@ -2,9 +2,7 @@
 
 import io
 import sys
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 import torch
@@ -20,8 +18,7 @@ from morlax_torch.commands.terminal import arguments, cli, display
 from morlax_torch.commands.terminal.arguments import text_of
 from morlax_torch.configuration.config import Config, config_class, flat
 from morlax_torch.host.phases import phase, within
-from morlax_torch.runs.progress import Progress, read_rows
-from morlax_torch.runs.training import TRAINING
+from morlax_torch.runs.progress import read_rows
 from morlax_torch.train import train
 
 COLUMNS = 80
@@ -126,25 +123,6 @@ def test_the_output_of_training_fits(workplace, monkeypatch):
     lines = Text.from_ansi(output.getvalue()).plain.splitlines()
     assert_fits(lines)
     assert any(line.startswith("done: 128 steps") for line in lines)
-
-
-def test_a_curve_is_drawn_where_a_terminal_has_its_blocks(monkeypatch):
-    estimates = [1.0, 2.0, 4.0, 8.0]
-
-    def curve(number: int, encoding: str = "utf-8", terminal: bool = True) -> str:
-        file = io.TextIOWrapper(io.BytesIO(), encoding)
-        console = Console(file=file, force_terminal=terminal, legacy_windows=False)
-        monkeypatch.setattr(display, "console", console)
-        progress = Progress(env_steps=1, steps_per_second=1.0, estimates=estimates[:number])
-        learner = SimpleNamespace(config=tiny())
-        shown = display.Display(cast(Any, learner), Path("run"), progress)
-        return shown.describe(TRAINING, 0.5).partition("\n")[2]
-
-    assert curve(4) == "▁▂▄█ hypervolume, estimated in training"
-    assert curve(1) == curve(4, "ascii") == curve(4, terminal=False) == ""
-    estimates = [float(x) for x in range(1000)]
-    long = curve(1000).split()[0]
-    assert len(long) == 24 and long[0] == "▁" and long[-1] == "█" and sorted(long) == [*long]
 
 
 def test_a_terminal_gets_moving_lines_and_a_pipe_none(monkeypatch):

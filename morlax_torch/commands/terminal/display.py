@@ -15,7 +15,6 @@ from ...runs.training import SHORT, TRAINING, is_short
 from .cli import Live, console, print_command
 from .process import typed
 
-BLOCKS, CURVE = "▁▂▃▄▅▆▇█", 24  # heights of a curve in text, and its most letters
 SLOW = 1000.0  # steps/s; hyper-sac learns from 500 on one CPU core
 
 
@@ -118,8 +117,6 @@ class Display(Live):
         )
         if self._unreached and not progress.best_hypervolume:
             console.print(f"{self._unreached}.")
-        if self._curve():
-            console.print(self._curve())
         config = self._learner.config
         trusted = any(runs_code(getattr(config, name)) for name in NAMES_CODE)
         more = ("train", "--resume") if interrupted else ("evaluate",)
@@ -138,18 +135,8 @@ class Display(Live):
         until = f", {timedelta(seconds=round(max(0.0, min(left))))} left" if left else ""
         return (
             f"{_count(progress.env_steps)} steps, {_count(progress.steps_per_second)}/s, "
-            f"hypervolume {progress.hypervolume:.3e}{until}\n{self._curve()}"
-        ).rstrip()
-
-    def _curve(self) -> str:
-        """Draw the hypervolume estimated in training; empty where no blocks can be drawn."""
-        estimates = self._progress.estimates
-        values = estimates[:: len(estimates) // -CURVE or -1][::-1]  # to the latest
-        if len(values) < 2 or not console.is_terminal or console.options.ascii_only:
-            return ""
-        low, high = min(values), max(values)
-        heights = [int((value - low) / (high - low or 1.0) * (len(BLOCKS) - 1)) for value in values]
-        return f"{''.join(map(BLOCKS.__getitem__, heights))} hypervolume, estimated in training"
+            f"hypervolume {progress.hypervolume:.3e}{until}"
+        )
 
 
 def _count(number: float) -> str:
