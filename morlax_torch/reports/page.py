@@ -47,7 +47,7 @@ def _templates() -> Environment:
         trim_blocks=True,
         undefined=StrictUndefined,
     )
-    for function in (chart, data_url, number, representatives, svg, width, words):
+    for function in (chart, data_url, number, representatives, svg, words):
         templates.filters[function.__name__] = function
     templates.filters["yaml"] = write_yaml
     return templates
@@ -59,11 +59,6 @@ def rendered(template: str, **values: Any) -> str:
 
 def data_url(content: bytes, kind: str) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def width(figure: Figure) -> str:
-    """Return the width in pixels at which a figure's text has its own size."""
-    return f"{96 * figure.get_figwidth():.0f}"
 
 
 def chart(figure: Figure, front: Front) -> str:
