@@ -50,11 +50,17 @@ def pytest_addoption(parser: pytest.Parser, pluginmanager: pytest.PytestPluginMa
     parser.addoption("--fuzz-minutes", type=float, default=0.0, help=about)
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("gpu") and not torch.cuda.is_available():
+        pytest.skip("no CUDA device")
+
+
 @pytest.fixture(autouse=True)
-def global_seeds() -> None:
-    """Draw the same numbers whichever tests ran before."""
+def independent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw the same numbers and know the same tasks whichever tests ran before."""
     torch.manual_seed(0)
     np.random.seed(0)
+    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
 
 
 @pytest.fixture
@@ -232,9 +238,8 @@ def make_policy() -> Callable[..., Policy]:
 
 
 @pytest.fixture
-def crowd(monkeypatch: pytest.MonkeyPatch) -> None:
+def crowd() -> None:
     """Register the tasks of `crowd` for a test."""
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("crowd", Crowd)
     envs.register("bowling", Bowling)
 

@@ -58,12 +58,11 @@ def test_ids_are_registered_before_any_adapter_is_imported():
     assert done.stdout.strip() == "(13,)"
 
 
-def test_a_custom_task_gets_an_id_of_its_own(monkeypatch):
+def test_a_custom_task_gets_an_id_of_its_own():
     class Sprinter(Cheetah):
         class Options(Cheetah.Options):
             objectives: dict[str, dict[str, float]] = {"fast": {"run": 2.0}, "up": {"height": 1.0}}
 
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     envs.register("my_sprinter", Sprinter)
     envs.register("my_sprinter", Sprinter)
     assert vector("morlax_torch/MySprinter-v0").objectives == ("fast", "up")

@@ -41,7 +41,6 @@ class Critic(DeterministicMixin, Model):
 
 
 def train(env: SkrlEnv, steps: int, folder: str) -> None:
-    torch.manual_seed(0)
     logged = {"directory": folder, "experiment_name": "run"}
     logged |= {"write_interval": 100, "checkpoint_interval": 0}
     cfg = {"rollouts": 50, "mini_batches": 4, "discount_factor": 0.97, "experiment": logged}

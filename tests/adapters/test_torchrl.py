@@ -87,7 +87,6 @@ def test_a_partial_reset_affects_only_the_selected_worlds():
 @pytest.mark.usefixtures("single_thread")
 @pytest.mark.slow
 def test_torchrl_ppo_learns_a_tradeoff():
-    torch.manual_seed(0)
     objectives = worlds("hopper", 48, episode_length=100)
     env = TransformedEnv(
         objectives, LineariseRewards(["reward"], ["weighted"], weights=[0.7, 0.3])

@@ -82,8 +82,6 @@ def iterate(learner: Any, iterations: int) -> None:
     [pytest.param(name, marks=[pytest.mark.slow] * (name != "morlax")) for name in LEARNERS],
 )
 def test_it_finds_the_front(algorithm, device):
-    if device == "cuda" and not torch.cuda.is_available():
-        pytest.skip("no CUDA device")
     iterations, changes = 60 if algorithm == "hyper-sac" else 100, {"ppo.learning_rate": 8e-3}
     if algorithm == "hyper-sac":
         changes |= {"method.learning_rate": 2e-3}

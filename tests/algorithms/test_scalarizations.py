@@ -80,8 +80,7 @@ def own(tmp_path) -> str:
 
 
 @pytest.fixture
-def tasks(monkeypatch) -> None:
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+def tasks() -> None:
     for name, task in {**FRONTS, "quadratic": Quadratic}.items():
         envs.register(name, task)
 
@@ -243,8 +242,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize(("name", "message"), MISTAKES.values(), ids=MISTAKES)
-def test_mistakes_are_one_sentence(name, message, own, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_mistakes_are_one_sentence(name, message, own, workplace):
     with pytest.raises(MorlaxError, match=message):
         config = config_for(
             "hopper", scalarization=name.replace("FILE", own), device="cpu", worlds=64

@@ -137,9 +137,6 @@ def test_no_file_is_overwritten(folder, refused):
     assert envs.get("2 arms.py:Robot2Arms").model_file == "arm.xml"
 
 
-# morlax alone
-
-
 def printed(capsys) -> list[list[str]]:
     """Return the words of the four commands that `morlax` alone prints."""
     command([])

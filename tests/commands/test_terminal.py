@@ -72,9 +72,8 @@ def test_the_whole_help_lists_every_option(monkeypatch, capsys):
         assert f"--{name.replace('_', '-')}" in text or name.startswith("task.")
 
 
-def test_a_run_at_its_limit_says_which_option_to_raise(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    run = train(tiny(), output=tmp_path / "run")
+def test_a_run_at_its_limit_says_which_option_to_raise(workplace, capsys):
+    run = train(tiny(), output=workplace / "run")
     before = (run.folder / "metrics.csv").read_bytes()
     command(["train", "--resume", "run"])
     said = "run has reached its limit: raise --max-env-steps to train it further.\n"
@@ -155,8 +154,7 @@ def test_every_option_has_a_text(env):
         assert not undescribed(model)
 
 
-def test_names_in_brackets_are_printed_as_they_are(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_names_in_brackets_are_printed_as_they_are(workplace, capsys):
     name = "hopper[lr=1e-3][/b] x"
     command(["train", "--env", "hopper", *SMALL[2:], "--output", name])
     lines = capsys.readouterr().out.splitlines()

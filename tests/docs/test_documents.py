@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 import morlax_torch
-from morlax_torch import MORLAX, config_for, envs
+from morlax_torch import MORLAX, config_for
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.commands import export, train
 from morlax_torch.configuration.config import Config, load_config
@@ -139,8 +139,6 @@ def test_python_runs(code, run, workplace, monkeypatch, request):
     needs_modules(code)
     if "import record" in code:
         request.getfixturevalue("opengl")
-    # a task that one page registers must not exist on the next
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     monkeypatch.setattr(morlax_torch, "config_for", with_short_episodes)
     code = A_RUN.sub(str(run), code)
     if "import wandb" in code:  # test_hosts.py starts it

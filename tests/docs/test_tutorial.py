@@ -7,7 +7,6 @@ from pathlib import Path
 import notebook
 import pytest
 
-from morlax_torch import envs
 from morlax_torch.__main__ import command
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -44,10 +43,8 @@ def run_cells(cells: list[str]) -> dict:
 
 
 @pytest.mark.slow
-def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
+def test_the_notebook_runs(workplace):
     pytest.importorskip("onnxruntime")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     content = json.loads((DOCS / "tutorial.ipynb").read_text())
     code = ["".join(cell["source"]) for cell in content["cells"] if cell["cell_type"] == "code"]
     assert sum(LONG in cell for cell in code) == 1

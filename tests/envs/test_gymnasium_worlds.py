@@ -1,7 +1,6 @@
 """Training works in any Gymnasium environment with vector rewards."""
 
 import math
-from collections.abc import Callable
 
 import gymnasium
 import mo_gymnasium
@@ -44,15 +43,9 @@ class Point(gymnasium.Env):
         return {"place": np.array([self.x], np.float32), "side": int(self.x > 0)}
 
 
-@pytest.fixture
-def point(monkeypatch: pytest.MonkeyPatch) -> Callable[..., envs.Worlds]:
-    def make(worlds: int = 3, **options) -> envs.Worlds:
-        monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
-        envs.registry._REGISTRY.pop("point", None)
-        envs.register("point", envs.from_gymnasium(Point))
-        return envs.make("point", worlds, "cpu", **options)
-
-    return make
+def point(**options) -> envs.Worlds:
+    envs.register("point", envs.from_gymnasium(Point))
+    return envs.make("point", 3, "cpu", **options)
 
 
 def test_worlds_match_the_original_environment_step_by_step():
@@ -82,7 +75,7 @@ def test_worlds_expose_objectives_spaces_and_limits():
     assert load_config(task_values(CAR, "cpu")).worlds == 64
 
 
-def test_observations_are_flattened_and_actions_rescaled(point):
+def test_observations_are_flattened_and_actions_rescaled():
     worlds = point()
     start = worlds.reset()
     assert start.shape == (3, 3)  # place, and one-hot side
@@ -91,7 +84,7 @@ def test_observations_are_flattened_and_actions_rescaled(point):
     np.testing.assert_allclose(moved, [0.0, 0.25, 0.5], atol=1e-6)  # actions are clipped to the box
 
 
-def test_auto_reset_starts_the_next_episode_in_the_same_step(point):
+def test_auto_reset_starts_the_next_episode_in_the_same_step():
     worlds = point(auto_reset=True)
     worlds.reset()
     fast, still = torch.ones(3, 1), -torch.ones(3, 1)
@@ -106,7 +99,7 @@ def test_auto_reset_starts_the_next_episode_in_the_same_step(point):
     assert (worlds.step(still).reward[:, 1] == 0).all()
 
 
-def test_without_auto_reset_a_finished_world_earns_nothing_and_stays_unchanged(point):
+def test_without_auto_reset_a_finished_world_earns_nothing_and_stays_unchanged():
     worlds = point(auto_reset=False)
     worlds.reset()
     *_, before, last = [worlds.step(torch.ones(3, 1)) for _ in range(5)]
@@ -114,7 +107,7 @@ def test_without_auto_reset_a_finished_world_earns_nothing_and_stays_unchanged(p
     assert torch.equal(last.observation, before.observation)
 
 
-def test_episodes_are_truncated_at_their_length_and_objectives_regrouped(point):
+def test_episodes_are_truncated_at_their_length_and_objectives_regrouped():
     objectives = {"far": {"reward_0": 2.0}, "both": {"reward_0": 1.0, "reward_1": 1.0}}
     worlds = point(episode_length=4, objectives=objectives)
     worlds.reset()

@@ -446,7 +446,6 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
 @pytest.mark.parametrize("name", [GO1, G1, ROUGH])
 def test_a_recorded_step_follows_mjlab_s(name, generator, monkeypatch):
     monkeypatch.setattr(torch, "randint_like", fixed)

@@ -36,7 +36,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("crawler.xml", "crawler.py"):
         (tmp_path / name).write_text(shown(name))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
     return tmp_path
 
 
@@ -45,9 +44,6 @@ def trained(folder: Path) -> Path:
     train.command(["--env", "crawler.py:Crawler", *TYPED])
     (run,) = (folder / "runs" / "Crawler").iterdir()
     return run
-
-
-# Every command
 
 
 def test_the_documented_robot_can_be_resumed_evaluated_played_and_exported(
@@ -228,9 +224,6 @@ def test_a_custom_robot_runs_on_both_simulators(folder, backend):
         envs.make("crawler.py:Crawler", 3, "cpu", shared={"rum": 1.0})
 
 
-# Files
-
-
 UNKNOWN = {
     "crawler.py:Crawlr": "did you mean 'Crawler'",
     "nowhere.py:Crawler": "there is no file",
@@ -257,9 +250,6 @@ def test_a_failing_file_gives_a_clear_error_and_can_be_fixed(folder, line):
         envs.get("crawler.py:Crawler")
     (folder / "crawler.py").write_text(good)
     assert envs.get("crawler.py:Crawler").__name__ == "Crawler"
-
-
-# Mistakes in a task class
 
 
 METHODS = {
@@ -296,9 +286,6 @@ def test_an_incomplete_task_class_gives_a_clear_error(folder, old):
     (folder / "crawler.py").write_text(text.replace(old, new))
     with pytest.raises(MorlaxError, match=re.escape(expected)):
         envs.make("crawler.py:Crawler", 3, "cpu")
-
-
-# Entry points
 
 
 @pytest.fixture

@@ -27,9 +27,6 @@ def make(task: str, backend: str, worlds: int = 4, **options) -> envs.Environmen
     return envs.make(task, worlds, "cpu", backend=backend, **options)
 
 
-# Agreement of MuJoCo Warp with other engines
-
-
 def converged(robot: str) -> envs.Environment:
     """Make two MuJoCo Warp worlds whose solver runs to convergence."""
     task = envs.get(robot)
@@ -86,9 +83,6 @@ def test_warp_sensors_lag_like_those_of_c_mujoco(robot):
         )
 
 
-# Multithreaded C MuJoCo
-
-
 def test_many_threads_match_a_single_loop():
     env = make("humanoid", "mujoco", 9, auto_reset=False)
     worlds = [mujoco.MjData(env.physics.model) for _ in range(env.num_worlds)]
@@ -103,9 +97,6 @@ def test_many_threads_match_a_single_loop():
             assert (env.physics.qvel[i].numpy() == world.qvel).all()
             assert (env.physics.warmstart[i].numpy() == world.qacc_warmstart).all()
             assert (env.physics.sensors[i].numpy() == world.sensordata).all()
-
-
-# Tensors
 
 
 def test_state_tensors_share_the_simulator_s_memory(backend):
@@ -135,9 +126,6 @@ def test_a_sensor_is_a_view_of_the_readings(backend):
     assert head.shape == (env.num_worlds, 3)
     assert 1.0 < head[0, 2] < 2.0  # meters: standing
     assert head.untyped_storage().data_ptr() == env.physics.sensors.untyped_storage().data_ptr()
-
-
-# Blow-ups
 
 
 @pytest.mark.parametrize("task", BUILT_IN)
@@ -182,9 +170,6 @@ def test_any_non_finite_number_is_a_blow_up_without_a_log(
     env.physics.qpos[2, 2] = 1e30  # C MuJoCo also warns of huge numbers
     env.step(still(env))
     assert list(tmp_path.iterdir()) == []
-
-
-# Buffers
 
 
 @pytest.mark.parametrize(

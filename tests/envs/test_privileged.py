@@ -33,8 +33,7 @@ class Sighted(Blind):
 
 
 @pytest.fixture(autouse=True)
-def tasks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+def tasks() -> None:
     envs.register("blind", Blind)
     envs.register("sighted", Sighted)
 

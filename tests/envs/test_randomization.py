@@ -42,9 +42,6 @@ def make(
     return envs.make(task, worlds, "cpu", backend, seed, **options)
 
 
-# Models
-
-
 def separate_models(env: envs.Environment) -> list[mujoco.MjModel]:
     """Compile a separate model for each world, with that world's randomized fields."""
     state, models = env.state_dict(), []
@@ -130,9 +127,6 @@ def test_one_factor_for_all_worlds_changes_derived_constants_too(worlds, backend
         np.testing.assert_allclose(center, data.sensordata, atol=0.05)  # of the step before
 
 
-# Disabled randomization
-
-
 def test_randomization_is_disabled_by_default(backend):
     off = {"observation_noise": {"position": 0.0}, "action_delay": (0, 0), "push": 0.0}
     plain = envs.make("humanoid", 3, "cpu", backend, auto_reset=False)
@@ -142,9 +136,6 @@ def test_randomization_is_disabled_by_default(backend):
         assert torch.equal(one.observation, other.observation)
         assert torch.equal(one.reward, other.reward)
     assert not any(name.startswith("model.") for name in explicit.state_dict())
-
-
-# Noise
 
 
 def test_noise_has_the_configured_std_and_affects_only_observations(backend):
@@ -169,9 +160,6 @@ def test_noise_has_the_configured_std_and_affects_only_observations(backend):
     assert (along - torch.eye(40)).abs().max() < 5 / math.sqrt(512)
 
 
-# Action delay
-
-
 def test_each_world_draws_a_new_delay_per_episode_and_clears_its_queue(backend):
     length, worlds = 6, 32
     prompt = envs.make("cheetah", worlds, "cpu", backend, episode_length=length)
@@ -187,9 +175,6 @@ def test_each_world_draws_a_new_delay_per_episode_and_clears_its_queue(backend):
             late.step(episode[time])
             assert torch.equal(late.physics.qpos, prompt.physics.qpos)
     assert len(seen) == 5
-
-
-# Pushes
 
 
 @pytest.mark.parametrize(
@@ -234,9 +219,6 @@ def test_pushes_come_at_the_configured_rate_on_every_step():
         env.step(still(env))
         share = ((env.physics.qvel[:, 0] - before).abs() > 0.9).double().mean().item()
         assert share == pytest.approx(0.1, abs=5 * math.sqrt(0.09 / 2000))
-
-
-# Everything combined
 
 
 @pytest.mark.parametrize("task", ("humanoid", "hopper"))

@@ -32,8 +32,7 @@ class Mirrored(Blind):
 
 
 @pytest.fixture(autouse=True)
-def tasks(monkeypatch):
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+def tasks() -> None:
     envs.register("mirrored", Mirrored)
 
 

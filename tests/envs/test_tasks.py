@@ -50,9 +50,6 @@ def assert_equal(actual: np.ndarray, expected: np.ndarray) -> None:
     np.testing.assert_allclose(actual, expected, rtol=0, atol=TOLERANCE)
 
 
-# Agreement with the paper
-
-
 class Replay(NamedTuple):
     """A task's states, observations and rewards under the reference actions."""
 
@@ -132,9 +129,6 @@ def test_every_built_in_task_is_compared_with_the_paper():
     assert {name for name in envs.names() if "/" not in name} - elsewhere == set(PUBLISHED)
 
 
-# Cases outside the stored trajectories
-
-
 @pytest.mark.parametrize(
     ("task", "coordinate", "allowed", "failing"),
     [
@@ -174,9 +168,6 @@ def test_the_cheetah_s_run_reward_saturates_at_four_meters_per_second():
     assert fast == 4.0
 
 
-# Properties of every built-in task
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("task", PUBLISHED)
 def test_a_task_exposes_objectives_and_limits_and_steps_obey_them(task, backend):
@@ -196,9 +187,6 @@ def test_a_task_exposes_objectives_and_limits_and_steps_obey_them(task, backend)
         assert (flag.shape, flag.dtype) == ((3,), torch.bool)
     assert tuple(step.terms) == env.reward_terms
     assert all(term.shape == (3,) for term in step.terms.values())
-
-
-# Custom objectives
 
 
 @pytest.mark.parametrize(

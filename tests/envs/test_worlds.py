@@ -71,8 +71,6 @@ DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_they_are_explored_and_evaluated_eagerly(device):
-    if device == "cuda" and not torch.cuda.is_available():
-        pytest.skip("there is no CUDA device")
     made = learner(tiny(POINTS, backend=None, device=device))
     evaluator = make_evaluator(made)
     made.compile()

@@ -95,13 +95,12 @@ def typed(monkeypatch, capsys):
 
 
 @pytest.fixture
-def three(tmp_path, monkeypatch) -> Path:
+def three(tmp_path) -> Path:
     """Return a run with three separate policies: the trade-off only selects one of them."""
-    return separate(tmp_path / "run", "certain", Certain, monkeypatch)
+    return separate(tmp_path / "run", "certain", Certain)
 
 
-def separate(folder: Path, name: str, task: type[Quadratic], monkeypatch) -> Path:
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+def separate(folder: Path, name: str, task: type[Quadratic]) -> Path:
     envs.register(name, task)
     changes = {"network.type": "independent", "sampling.clusters": len(SHARES), "device": "cpu"}
     changes |= {"algorithm": "independent", "network.actor": (), "evaluation.tradeoffs": 11}
@@ -144,9 +143,9 @@ def circle() -> Front:
 
 
 @pytest.fixture
-def powered(tmp_path, monkeypatch) -> Path:
+def powered(tmp_path) -> Path:
     """Return a run like `three`, whose policies need 25, 1 and 25 W at 1.5, 1.1 and 0.5 m/s."""
-    return separate(tmp_path / "run", "powered", Powered, monkeypatch)
+    return separate(tmp_path / "run", "powered", Powered)
 
 
 @pytest.fixture
@@ -282,8 +281,8 @@ def test_a_measured_quantity_is_kept_in_simulation(powered, given):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_random_task_keeps_its_requirement_on_fresh_episodes(tmp_path, monkeypatch, seed):
-    run = separate(tmp_path / "run", "gusty", Gusty, monkeypatch)
+def test_a_random_task_keeps_its_requirement_on_fresh_episodes(tmp_path, seed):
+    run = separate(tmp_path / "run", "gusty", Gusty)
     least = 0.62  # 0.02 less than the second policy's, where few episodes could show the first's
     found = choose(run, {"left": least}, "right", margin=0.0, seed=seed, device="cpu")
     env = evaluation_worlds(load(run).config, 1, 4000, 77)
@@ -294,7 +293,7 @@ def test_a_random_task_keeps_its_requirement_on_fresh_episodes(tmp_path, monkeyp
 
 def test_other_episodes_decide_than_those_that_chose_the_finalists(tmp_path, monkeypatch):
     """Search episodes pay up to 1 more by luck, and what they earn is not told."""
-    run = separate(tmp_path / "run", "gusty", Gusty, monkeypatch)
+    run = separate(tmp_path / "run", "gusty", Gusty)
     chooser, finalists = Chooser(load(run), None), []
 
     def simulate(_chooser, evaluator, tradeoffs: np.ndarray) -> np.ndarray:

@@ -80,8 +80,7 @@ def test_a_front_of_other_policies_is_refused_with_the_command_that_writes_it(ru
     np.testing.assert_array_equal(load_front(run).returns, returns(path))
 
 
-def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, workplace):
     before, other = load_front(run), run / "checkpoints/other.pt"  # saved without an evaluation
     shutil.copy(run / "checkpoints/latest.pt", other)
     with pytest.raises(MorlaxError, match=rf"other.pt has no front .*evaluate {other}$"):
@@ -195,13 +194,12 @@ def test_training_measures_by_the_protocol_of_its_config(discounted, tmp_path):
     assert [row["best"] for row in found][-1] == "0"
 
 
-def test_evaluate_and_pack_use_the_run_s_own_protocol(discounted, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_evaluate_and_pack_use_the_run_s_own_protocol(discounted, workplace):
     front, file = load_front(discounted), discounted / "front.npz"
     evaluate_runs([str(discounted)], "", device="cpu")
     np.testing.assert_array_equal(load_front(discounted).returns, front.returns)
-    pack(discounted, tmp_path / "packed", "cpu")
-    np.testing.assert_array_equal(load_front(tmp_path / "packed").returns, front.returns)
+    pack(discounted, workplace / "packed", "cpu")
+    np.testing.assert_array_equal(load_front(workplace / "packed").returns, front.returns)
     before = file.read_bytes()
     _, folder = evaluate_runs([str(discounted)], "", protocol="latched", device="cpu")
     assert folder.parent == Path("evaluations") and file.read_bytes() == before
@@ -273,8 +271,7 @@ def test_both_hypervolume_columns_stay_readable(run):
         read_rows(run / "metrics.csv")
 
 
-def test_a_folder_of_runs_and_latest_name_the_newest_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_folder_of_runs_and_latest_name_the_newest_run(workplace):
     with pytest.raises(MorlaxError, match="there is no run in runs/ yet"):
         find_run("latest")
     for seconds, run in enumerate(("hopper/b", "hopper/a", "ant/c")):

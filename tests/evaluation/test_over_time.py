@@ -15,7 +15,7 @@ from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.runs.loading import evaluate
 from morlax_torch.tuning import schedules
-from morlax_torch.viewers.filming import recording
+from morlax_torch.viewers.filming.recording import Film
 from morlax_torch.viewers.player import Player
 
 FILE = "tradeoff_over_time.yaml"
@@ -62,8 +62,8 @@ def test_a_film_shows_a_robot_that_is_fast_in_time_and_saves_more_than_a_constan
     best = max(energy for run, energy in constants if run >= FAST)
     most = max(energy for _, energy in constants)
     assert most - energy < 0.9 * (most - best)  # of energy is spent
-    films, make = [], recording.Film
-    monkeypatch.setattr(recording, "Film", lambda *given: films.append(make(*given)) or films[0])
+    films, strip = [], Film.strip
+    monkeypatch.setattr(Film, "strip", lambda *given: films.append(given[0]) or strip(*given))
     small = ("--width", "95", "--height", "65", "--seconds", "2", "--output", "film.png")
     record.command([str(cheetah), "--tradeoff", str(file), *small])
     assert films[0]._takes[0].player.returns[1].item() == energy
@@ -78,14 +78,14 @@ def test_weights_change_no_faster_than_the_slew(cheetah):
     np.testing.assert_allclose(limited.sum(1), 1, atol=1e-9)
 
 
-def test_quantities_of_a_window_are_those_of_its_steps(tmp_path, monkeypatch):
+def test_quantities_of_a_window_are_those_of_its_steps(tmp_path):
     class Walking(test_choose.Powered):
         class Options(test_choose.Powered.Options):
             episode_length: int = 7
 
         episode_length, dt = 7, 0.5
 
-    policy = load(test_choose.separate(tmp_path / "run", "walking", Walking, monkeypatch))
+    policy = load(test_choose.separate(tmp_path / "run", "walking", Walking))
     env = envs.make("walking", 1, "cpu", auto_reset=False)
     evaluator = Evaluator(policy.agent, env, torch.tensor([[1.0, 0.0]]))
     times, corners = np.array([0.0, 1.5, 1.6, 4.0]), np.eye(2)[[0, 0, 1, 1]]

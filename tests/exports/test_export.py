@@ -187,9 +187,6 @@ def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
-# the command
-
-
 @pytest.fixture
 def saved(trained, tmp_path: Path, monkeypatch) -> Path:
     """Save policy.pt and the metrics of its run in the working directory."""

@@ -23,7 +23,6 @@ from morlax_torch.train import train
 
 pytestmark = [
     pytest.mark.gpu,
-    pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device"),
     pytest.mark.skipif(
         not hasattr(mujoco_warp.Option, "deterministic"),
         reason="MuJoCo Warp before 4.0 has no deterministic mode",
@@ -90,8 +89,8 @@ def test_recorded_graphs_match_eager_execution(task: str):
     assert_same_training(trainer(task, False), trainer(task, True))
 
 
-def test_custom_networks_with_privileged_observations_are_recorded(monkeypatch):
-    monkeypatch.setattr(envs.registry, "_REGISTRY", {**envs.registry._REGISTRY, "blind": Blind})
+def test_custom_networks_with_privileged_observations_are_recorded():
+    envs.register("blind", Blind)
     actor = nn.Sequential(nn.Linear(6, 32), nn.LayerNorm(32), nn.ELU(), nn.Linear(32, 8))
     critic = nn.Sequential(nn.Linear(13, 32), nn.ELU(), nn.Linear(32, 2))
     assert_same_training(*(trainer("blind", r, actor=actor, critic=critic) for r in (False, True)))

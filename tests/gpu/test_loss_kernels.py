@@ -19,7 +19,6 @@ DEVICE = "cpu" if mlp_kernels.INTERPRETED else "cuda"
 def samples() -> tuple[torch.Tensor, Batch, torch.Tensor]:
     """The networks' output, a minibatch that is a strided view, and noise."""
     K, S, A = 3, 200, 4
-    torch.manual_seed(0)
     table = torch.randn(K, S, 5 + A + 1 + 1 + 2)
     batch = Batch(*table.split([5, A, 1, 1, 2], -1))
     output = torch.randn(K, S, 2 * A) * 0.7

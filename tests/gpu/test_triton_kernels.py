@@ -25,11 +25,6 @@ NETWORKS = [  # sizes, K, S
 ]
 
 
-@pytest.fixture(autouse=True)
-def seeded() -> None:
-    torch.manual_seed(0)
-
-
 def relative_error(found: Tensor, true: Tensor) -> float:
     return ((found.double() - true).norm() / true.norm()).item()
 

@@ -35,11 +35,10 @@ def test_a_shipped_policy_is_small_and_has_its_config_and_metrics(name):
     assert (folder / "metrics.csv").is_file()
 
 
-def test_an_export_named_like_a_shipped_policy_does_not_hide_it(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "ant").mkdir()
+def test_an_export_named_like_a_shipped_policy_does_not_hide_it(workplace):
+    (workplace / "ant").mkdir()
     assert find_run("ant").parent == SHIPPED
-    (tmp_path / "ant" / "checkpoints").mkdir()
+    (workplace / "ant" / "checkpoints").mkdir()
     assert find_run("ant") == Path("ant")
 
 

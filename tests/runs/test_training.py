@@ -52,8 +52,7 @@ def metrics(run: Run) -> list[dict[str, str]]:
     return read_rows(run.folder / "metrics.csv")
 
 
-def test_runs_that_begin_at_once_get_a_folder_each(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_runs_that_begin_at_once_get_a_folder_each(workplace, monkeypatch):
     monkeypatch.setattr(time, "strftime", lambda _: "20261122-120000")
     learners = [trainer(tiny(), 0) for _ in range(4)]
     with ThreadPoolExecutor(4) as threads:
@@ -168,7 +167,7 @@ def iterations(folder: Path) -> int:
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGHUP, 129)])
 def test_a_signal_ends_training_cleanly_with_a_checkpoint(
-    number, status, tmp_path, monkeypatch, capsys
+    number, status, workplace, monkeypatch, capsys
 ):
     iterate = MORLAX.iterate
 
@@ -181,7 +180,6 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
                 Run.open("run").restore(small.learner(morlax.config))
             os.kill(os.getpid(), number)
 
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(MORLAX, "iterate", interrupted)
     monkeypatch.setattr(sys, "argv", ["train", *map(str, HOPPER)])
     with pytest.raises(SystemExit) as exit:
@@ -189,7 +187,7 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
     assert exit.value.code == status and not is_training(Path("run"))
     output = " ".join(capsys.readouterr().out.split())
     assert "interrupted" in output and "train --resume run" in output
-    assert iterations(tmp_path / "run") >= 3
+    assert iterations(workplace / "run") >= 3
 
 
 def test_a_non_finite_loss_stops_the_run_and_keeps_the_checkpoint(tmp_path):
@@ -205,9 +203,6 @@ def test_a_contact_overflow_stops_the_run_and_names_the_option_to_raise(tmp_path
     config = tiny("cheetah", backend="warp", task=task, max_env_steps=99999)
     with pytest.raises(MorlaxError, match=r"raise --task.njmax above 8"):
         train(config, output=tmp_path / "run")
-
-
-# From Python
 
 
 def test_training_in_a_thread_reports_every_evaluation(tmp_path):

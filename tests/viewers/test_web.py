@@ -31,15 +31,11 @@ def world(name: str, **options) -> Environment:
 
 
 @pytest.fixture
-def robots(tmp_path: Path, monkeypatch) -> str:
-    monkeypatch.setattr(envs.registry, "_REGISTRY", dict(envs.registry._REGISTRY))
+def robots(tmp_path: Path) -> str:
     file = web_robots.write(tmp_path / "robots")
     for name in ("Tumbler", "Counting", "Deciding", "Shuffled"):
         envs.trust(f"{file}:{name}")
     return file
-
-
-# Graphs
 
 
 @pytest.mark.parametrize("name", [*SLOW, LONG])
@@ -72,9 +68,6 @@ def test_tasks_that_no_graph_can_express_are_refused(robots, task, reason):
         trace(world(f"{robots}:{task}"))
 
 
-# Models
-
-
 @pytest.mark.parametrize("name", ["bruce", "humanoid", "mo-gymnasium/humanoid", "Tumbler"])
 def test_the_model_survives_as_text(name, robots):
     task = get(f"{robots}:{name}" if name == "Tumbler" else name)
@@ -97,9 +90,6 @@ def test_a_page_shows_the_nominal_robot_of_a_mujoco_task(make_policy):
     policy.config = policy.config.model_copy(update={"env": "gymnasium:mo-hopper-v5"})
     with pytest.raises(MorlaxError, match="only MuJoCo robots"):
         build(policy)
-
-
-# The recorded start
 
 
 def test_the_recorded_start_is_the_robot_with_even_weights(make_policy):
@@ -129,15 +119,9 @@ def read_arrays(data: bytes) -> dict[str, Any]:
     return found
 
 
-# Libraries
-
-
 def test_a_changed_download_is_refused_and_not_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("urllib.request.urlopen", lambda *_, **__: io.BytesIO(b"other"))
     with pytest.raises(MorlaxError, match="SHA-512"):
         libraries.files()
     assert not list(tmp_path.rglob("*.tgz"))
-
-
-# The command

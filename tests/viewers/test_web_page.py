@@ -148,9 +148,6 @@ def runs(page) -> None:
     page.wait_for_function("parseFloat(document.getElementById('clock').textContent) > 0.1")
 
 
-# Simulation
-
-
 @pytest.mark.parametrize("number", [0, 1])
 def test_physics_follows_c_mujoco(empty, site, folder, number):
     packed = (folder / f"runs/{number}/run.json.packed").read_bytes()
@@ -189,9 +186,6 @@ def test_observations_and_actions_are_those_of_python(empty, site, folder, numbe
         torch.testing.assert_close(observation, env.observe(), atol=1e-4, rtol=1e-5)
 
 
-# The recorded start
-
-
 def test_a_recorded_robot_moves_before_the_physics_has_come(visit):
     page = visit("?run=cheetah3", before=HELD)
     page.wait_for_selector("#loading.over")
@@ -207,9 +201,6 @@ def test_a_recorded_robot_moves_before_the_physics_has_come(visit):
     assert page.is_visible("#panel") and page.is_hidden("#loading")
     come, due = re.findall(r"[\d.]+(?= of|  ?MB)", page.text_content("#progress"))
     assert come == due and not visit.complaints
-
-
-# Page
 
 
 def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
