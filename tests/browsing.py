@@ -25,7 +25,7 @@ FLAGS = (
     *("--disable-component-update", "--disable-sync", "--disable-gpu"),
 )
 # pixels of the screen per pixel of the page: without a graphics card, fewer are drawn far faster
-COARSE = {} if "MORLAX_SCREENSHOTS" in os.environ else {"device_scale_factor": 0.3}
+COARSE = {"device_scale_factor": 0.3}
 # a page without a graphics card would spend both cores on drawing
 FEW_FRAMES = "requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 100)"
 RELEASED = """(slider) => {

@@ -7,9 +7,11 @@ from typing import Any
 import pytest
 from torch import Tensor, nn
 
-from morlax_torch import MORLAX, config_for, envs
+from morlax_torch import Policy, config_for, envs
+from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.sections import NetworkConfig
+from morlax_torch.networks.agent import Agent, Sizes
 
 TYPED = (  # on the command line
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
@@ -40,12 +42,21 @@ def tiny(env: str = "hopper", **changes: Any) -> Config:
     return config_for(env, **{**small, **changes})
 
 
-def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> MORLAX:
+def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> Any:
     """Return a learner after so many iterations."""
-    made = MORLAX(config.make_worlds(config.worlds, config.seed), config, **networks)
+    made = make_learner(config.make_worlds(config.worlds, config.seed), config, **networks)
     for _ in range(iterations):
         made.iterate()
     return made
+
+
+def varied(**changes: Any) -> Policy:
+    """Return an untrained policy, with changes of its config, whose actions depend on all."""
+    config = tiny(**changes)
+    agent = Agent(config, Sizes(13, 4, 2))
+    for parameter in agent.parameters():  # they start equal for all trade-offs
+        nn.init.normal_(parameter)
+    return Policy(agent, config, ("run", "jump"))
 
 
 @contextmanager

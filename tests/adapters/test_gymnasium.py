@@ -3,8 +3,6 @@
 import os
 import pickle
 import re
-import subprocess
-import sys
 import warnings
 from unittest.mock import MagicMock
 
@@ -15,6 +13,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from programs import python
 from toppling import falling
 
 from morlax_torch import MorlaxError, envs
@@ -39,21 +38,17 @@ def vector(task: str = HOPPER, num_envs: int = 3, **options) -> GymnasiumVectorE
     return made
 
 
-def python(program: str) -> subprocess.CompletedProcess:
-    no_display = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
-    command = [sys.executable, "-W", "error", "-c", program]
-    return subprocess.run(command, env=no_display, capture_output=True, text=True)
-
-
 @pytest.mark.slow
 def test_ids_are_registered_before_any_adapter_is_imported():
-    done = python(
+    no_display = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
+    program = (
         "import gymnasium, sys, morlax_torch\n"
         "assert not [name for name in sys.modules if name.startswith('morlax_torch.adapters')]\n"
         "env = gymnasium.make('morlax_torch:morlax_torch/Hopper-v0')\n"
         "assert 'mujoco.viewer' not in sys.modules\n"
         "print(env.reset()[0].shape)"
     )
+    done = python("-W", "error", "-c", program, env=no_display)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "(13,)"
 

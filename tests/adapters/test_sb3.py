@@ -8,9 +8,7 @@ from morlax_torch import MorlaxError
 
 pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
 
-from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
-from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 from toppling import falling
 
@@ -47,28 +45,6 @@ def test_the_vector_environment_matches_dummy_vec_env_and_vec_monitor():
                 assert own["r"] == pytest.approx(other["r"], rel=1e-4)
                 assert own["r"] == pytest.approx(np.dot(TRADEOFF, own["returns"]), rel=1e-6)
     assert ended == {(False, False), (False, True), (True, True)}  # falls and one truncation
-
-
-@pytest.mark.slow
-def test_sb3_ppo_learns_to_run():
-    env = StableBaselines3VecEnv("hopper", (1.0, 0.0), 64, "cpu", episode_length=100)
-    learner = PPO(
-        "MlpPolicy",
-        env,
-        n_steps=32,
-        batch_size=512,
-        n_epochs=4,
-        gamma=0.97,
-        learning_rate=1e-3,
-        seed=0,
-        device="cpu",
-    )
-    before, _ = evaluate_policy(learner, VecMonitor(env), n_eval_episodes=64)
-    learner.learn(100_000)
-    after, _ = evaluate_policy(learner, VecMonitor(env), n_eval_episodes=64)
-    logged = np.mean([episode["r"] for episode in learner.ep_info_buffer])
-    assert after > 2 * before
-    assert logged > 2 * before
 
 
 def test_sb3_s_checker_and_wrappers_work():

@@ -9,13 +9,14 @@ import pytest
 import torch
 from closed_form import STEPS, Quadratic, Sprint, best_returns
 from same import assert_same
+from tiny import learner as learner_of
 from tiny import tiny
 from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, config_for, load, save
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.methods import AMOR, HyperMORL
-from morlax_torch.algorithms.registry import LEARNERS, make_learner
+from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
@@ -63,7 +64,7 @@ def small(algorithm: str, iterations: int = 10, **changes: Any) -> Config:
 
 
 def trained(config: Config, iterations: int) -> Any:
-    learner = make_learner(config.make_worlds(config.worlds, config.seed), config)
+    learner = learner_of(config)
     if config.device != "cpu":
         learner.compile()
     iterate(learner, iterations)
@@ -224,17 +225,8 @@ def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew(co
 
 
 def test_amor_keeps_a_world_s_tradeoff_until_its_episode_ends():
-    config = config_for(
-        "hopper",
-        device="cpu",
-        algorithm="amor",
-        worlds=16,
-        horizon=4,
-        network={"actor": (8,), "critic": (8,)},
-        ppo={"minibatches": 2},
-        task={"episode_length": 10, "stagger": True},
-    )
-    learner = trained(config, 1)
+    changes = {"task.episode_length": 10, "task.stagger": True}
+    learner = trained(tiny(algorithm="amor", worlds=16, **changes), 1)
     assert isinstance(learner, AMOR) and len(learner.tradeoffs.unique(dim=0)) == 16
     kept = 0
     for _ in range(6):
@@ -320,6 +312,11 @@ def test_even_tradeoffs_cover_the_simplex(number):
         (
             {"algorithm": "hyper-morl", "max_env_steps": None, "decay_fraction": 0.0},
             "needs max_env_steps or max_seconds",
+        ),
+        ({"algorithm": "hyper-sac", "scalarization": "chebyshev"}, "hyper-sac needs weighted sums"),
+        (
+            {"algorithm": "hyper-sac", "sampling.clusters": 8, "method.batch": 100},
+            r"must be a multiple of 8 .sampling.clusters.: try --method.batch",
         ),
     ],
 )

@@ -1,7 +1,5 @@
 """Benchmarks: plans, statistics, rows and tables; not their speed."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import compare
@@ -12,6 +10,7 @@ import numpy as np
 import pytest
 import throughput
 import yaml
+from programs import python
 from pydantic import ValidationError
 from same import csv_rows
 from tiny import tiny
@@ -143,15 +142,9 @@ def test_the_episodes_that_count_are_not_those_of_training(tmp_path):
         assert (abs(other.returns - fronts["best"].returns) > 1e-3).all()
 
 
-def start_script(script: str, *arguments: str, folder: Path) -> str:
-    done = subprocess.run(
-        [sys.executable, SCRIPT.with_name(f"{script}.py"), *arguments],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-    )
+def start_script(script: str, *arguments: str, folder: Path) -> None:
+    done = python(SCRIPT.with_name(f"{script}.py"), *arguments, cwd=folder)
     assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.mark.slow

@@ -19,9 +19,10 @@ import torch
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tiny import learner as learner_of
 from tiny import tiny
 
-from morlax_torch import MORLAX, MorlaxError, config_for, envs, load
+from morlax_torch import MorlaxError, config_for, envs, load
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.progress import History
@@ -153,7 +154,7 @@ def trains_or_is_refused(drawn: tuple[str, dict[str, Any]]) -> None:
         config = config_for(env, **{**small, **changes, **fixed, "evaluation.tradeoffs": 8})
         assert load_config(yaml.safe_load(yaml.safe_dump(config.model_dump(mode="json")))) == config
         assume_small(config)
-        learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
+        learner = learner_of(config)
         limit = {"max_env_steps": 2 * learner.steps_per_iteration, "max_seconds": None}
         learner.config = config.model_copy(update=limit)
         for evaluation in Session(learner, make_evaluator(learner)).training():
@@ -230,11 +231,3 @@ def test_a_damaged_result_is_finite_or_refused(fuzz, name, run, tmp_path):
             assert numbers and all(np.isfinite(values).all() for values in numbers)
 
     fuzz(holds, damages(len(whole)), 200)
-
-
-NAMES = st.sampled_from(
-    [
-        *("runs/a", "runs/b", "runs/damaged", "best", "latest", "..", "reset", "push", "add"),
-        *("remove", "free", "find", "skip", "use", "again", "leave", "calm"),
-    ]
-)

@@ -1,10 +1,11 @@
 """What a command imports, when, and the kernels that are compiled before the first step."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import programs
 import pytest
 
 from morlax_torch.__main__ import COMMANDS
@@ -17,21 +18,14 @@ TINY = (
 )
 
 
-def python(
-    folder: Path, *words: str, first: Path | None = None, **variables: str
-) -> subprocess.CompletedProcess:
+def python(folder: Path, *words: str, first: Path | None = None, **variables: str) -> Any:
     """Run Python in `folder`; modules in the folder `first` hide others of the same name."""
     path = os.pathsep.join([*([str(first)] if first else []), *sys.path])
-    return subprocess.run(
-        [sys.executable, *words],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path, **variables},
-    )
+    env = {**os.environ, "PYTHONPATH": path, **variables}
+    return programs.python(*words, cwd=folder, env=env)
 
 
-def imported(done: subprocess.CompletedProcess) -> set[str]:
+def imported(done: Any) -> set[str]:
     """Return the top-level modules that `python -X importtime` reports."""
     assert done.returncode == 0, done.stderr
     lines = [x for x in done.stderr.splitlines() if x.startswith("import time:")]
@@ -47,14 +41,9 @@ def no_torch(tmp_path: Path) -> Path:
     return folder
 
 
-def test_importing_the_package_imports_nothing_heavy(tmp_path):
-    done = python(tmp_path, "-X", "importtime", "-c", "import morlax_torch")
-    assert not imported(done) & HEAVY
-
-
-def test_the_first_commands_import_nothing_heavy(tmp_path):
-    done = python(tmp_path, "-X", "importtime", "-m", "morlax_torch")
-    assert not imported(done) & HEAVY
+@pytest.mark.parametrize("words", [("-c", "import morlax_torch"), ("-m", "morlax_torch")], ids=str)
+def test_the_package_and_its_first_commands_import_nothing_heavy(words, tmp_path):
+    assert not imported(python(tmp_path, "-X", "importtime", *words)) & HEAVY
 
 
 def test_help_imports_nothing_heavy(tmp_path):

@@ -3,7 +3,6 @@
 import inspect
 import re
 import shlex
-import subprocess
 import sys
 import warnings
 from contextlib import nullcontext
@@ -13,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
+from programs import python
 
 import morlax_torch
 from morlax_torch import MORLAX, config_for
@@ -127,7 +127,7 @@ def test_python_runs_in_a_fresh_process(code, run, workplace, request):
     exports = "export-" in request.node.callspec.id
     folder = request.getfixturevalue("exported") if exports else workplace
     code = A_RUN.sub(str(run), code)
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    done = python("-c", code, cwd=folder)
     assert done.returncode == 0, done.stderr
 
 

@@ -13,6 +13,7 @@ from morlax_torch import MORLAX, config_for, envs, pareto
 from morlax_torch.host.resources import one_thread
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+OF_PPO = (*("epochs", "minibatches", "learning_rate", "discount", "gae_lambda", "clip", "entropy"),)
 TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"
 
 
@@ -28,7 +29,7 @@ def imported(name: str) -> ModuleType:
 def test_morlax_in_one_file_trains_bit_for_bit_as_the_package(task):
     changes = {"sampling.cells": False, "worlds": 64, "horizon": 8}
     config = config_for(task, device="cpu", **changes)
-    ppo, network = config.ppo, config.network
+    network = config.network
     example = imported("morlax")
     options = example.Options(
         task,
@@ -37,17 +38,11 @@ def test_morlax_in_one_file_trains_bit_for_bit_as_the_package(task):
         worlds=config.worlds,
         clusters=config.sampling.clusters,
         horizon=config.horizon,
-        epochs=ppo.epochs,
-        minibatches=ppo.minibatches,
         width=network.actor[0],
         hidden=network.hidden[0],
         features=network.features,
-        learning_rate=ppo.learning_rate,
-        discount=ppo.discount,
-        gae_lambda=ppo.gae_lambda,
-        clip=ppo.clip,
-        entropy=ppo.entropy,
         decay_fraction=config.decay_fraction,
+        **{name: getattr(config.ppo, name) for name in OF_PPO},
     )
     ours = example.MORLAX(envs.make(task, 64, "cpu", seed=config.seed), options)
     package = MORLAX(config.make_worlds(64, config.seed), config)

@@ -9,6 +9,7 @@ import pytest
 import torch
 import warp as wp
 from acting import random_actions, still
+from crowd import Crowd
 from same import assert_same
 from torch import Tensor
 
@@ -190,7 +191,7 @@ EVERYTHING = f"""
 """
 
 
-class Everything(envs.Environment):
+class Everything(Crowd):
     """A robot that has every part of MuJoCo's state but plugins'."""
 
     class Options(envs.TaskOptions):
@@ -201,20 +202,14 @@ class Everything(envs.Environment):
     def load_model(cls) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_string(EVERYTHING)
 
-    def initial_qpos(self) -> np.ndarray:
-        return self.physics.model.qpos0
-
     def observe(self) -> Tensor:
-        return torch.cat([self.physics.qpos, self.physics.qvel, self.physics.sensors], -1)
+        return torch.cat([super().observe(), self.physics.sensors], -1)
 
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.add_(action)  # so that the control is state too
 
     def terms(self) -> dict[str, Tensor]:
         return {"go": self.physics.qvel[:, -1], "wait": self.physics.sensor("time")[:, 0]}
-
-    def failed(self) -> Tensor:
-        return torch.zeros_like(self.age, dtype=torch.bool)
 
 
 def everything(backend: str) -> envs.Environment:

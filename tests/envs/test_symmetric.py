@@ -6,13 +6,13 @@ from contextlib import nullcontext
 from xml.etree import ElementTree
 
 import mujoco
-import numpy as np
 import pytest
 import torch
+from crowd import Crowd
 from tiny import Blind, learner, tiny
 
 from morlax_torch import MorlaxError, Policy, envs, load, save
-from morlax_torch.algorithms.registry import LEARNERS, make_learner
+from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.algorithms.trainer import DesignDraws
 from morlax_torch.configuration.files import task_values
 from morlax_torch.envs.worlds.mirror import Mirror, Reflection, check
@@ -64,13 +64,13 @@ def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constan
     constants("hyper-sac", start=32)
     changes = {"network.symmetric": True, "task.reset_noise": 0.3, **learning}
     config = tiny("mirrored", algorithm=algorithm, **changes)
-    learner = make_learner(config.make_worlds(config.worlds, config.seed), config)
+    trained = learner(config)
     for iteration in range(3):
-        learner.iterate(iteration / 3)
-    policy = Policy(learner.agent, config, learner.env.objectives)
-    size = learner.env.observation_size
+        trained.iterate(iteration / 3)
+    policy = Policy(trained.agent, config, trained.env.objectives)
+    size = trained.env.observation_size
     x, seen = torch.randn(16, size, generator=generator), SEEN.first(size)
-    assert learner.agent.observation_normalizer.mean.any()
+    assert trained.agent.observation_normalizer.mean.any()
     torch.testing.assert_close(policy(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
 
 
@@ -162,7 +162,7 @@ BIPED = f"""<mujoco><compiler autolimits="true"/><option timestep="0.005"/>
 <actuator>{MOTORS.format("left", "+")}{MOTORS.format("right", "-")}</actuator></mujoco>"""
 
 
-class Biped(envs.Environment):
+class Biped(Crowd):
     """A robot with two legs, whose model a test may edit."""
 
     class Options(envs.TaskOptions):
@@ -175,14 +175,8 @@ class Biped(envs.Environment):
     def load_model(cls) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_string(cls.xml)
 
-    def initial_qpos(self) -> np.ndarray:
-        return self.physics.model.qpos0
-
     def observe(self) -> torch.Tensor:
         return torch.cat([self.physics.qpos[:, 1:], self.physics.qvel], -1)
-
-    def apply(self, action: torch.Tensor) -> None:
-        self.physics.ctrl.copy_(action.clamp(-1, 1))
 
     def terms(self) -> dict[str, torch.Tensor]:
         return {"run": self.physics.qvel[:, 0], "effort": self.physics.ctrl.square().sum(-1)}

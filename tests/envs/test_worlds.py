@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from closed_form import OneStep
 from peers import check_run
 from tiny import learner, tiny
 from torch import Tensor
@@ -15,7 +16,7 @@ from morlax_torch.runs.training import make_evaluator
 SOURCE = Path(__file__)
 
 
-class Points(envs.Worlds):
+class Points(OneStep):
     """Points on a line, of a simulator of their own: go right, or stand still."""
 
     class Options(envs.ObjectiveOptions):
@@ -23,21 +24,14 @@ class Points(envs.Worlds):
         reference_point: tuple[float, ...] | None = (-10.0, -10.0)
         episode_length: int = 8
 
-    simulator = "points"
+    simulator, resumable = "points", False
     observation_size, action_size = 2, 1
     reward_terms = ("go", "save")
 
-    def __init__(self, options, num_worlds, device, seed, auto_reset):
-        self.options, self.num_worlds, self.device = options, num_worlds, device
-        self.auto_reset, self.episode_length = auto_reset, options.episode_length
-        self.generator = torch.Generator(device).manual_seed(seed)
-        self.define_objectives()
-        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
+    def __init__(self, options, num_worlds, device, *others):
+        super().__init__(options, num_worlds, device, *others)
+        self.episode_length = options.episode_length
         self.x, self.age = torch.zeros(2, num_worlds, device=device)
-
-    @classmethod
-    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
-        return cls(options, num_worlds, device, seed, auto_reset)
 
     def reset(self) -> Tensor:
         return self.restart(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))

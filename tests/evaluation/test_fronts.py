@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from same import csv_rows
+from tiny import learner as learner_of
 from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, load
@@ -93,21 +94,11 @@ def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, workplace
     assert "other.pt" in (folder / "report.html").read_text()
 
 
-def test_packed_and_shipped_policies_have_the_front_of_their_checkpoint(run, tmp_path):
-    pack(run, tmp_path / "packed", "cpu")
-    front = load_front(tmp_path / "packed")
-    np.testing.assert_array_equal(front.returns, load_front(run).returns)
-    assert front.checkpoint == load_front("cheetah").checkpoint == "best.pt"
-    assert front.fingerprint == load_front(run).fingerprint
-    shipped = Front.load(find_run("cheetah") / "front.npz")
-    np.testing.assert_array_equal(load_front("cheetah").returns, shipped.returns)
-
-
 NOISY = {"task.reset_noise": 0.1}
 
 
 def evaluator(config: Config) -> Evaluator:
-    return make_evaluator(MORLAX(config.make_worlds(config.worlds, config.seed), config))
+    return make_evaluator(learner_of(config))
 
 
 def test_a_random_task_has_other_episodes_to_choose_by():
@@ -136,8 +127,7 @@ def scripted(volumes: Sequence[tuple[float, float]], run: Run, learner: MORLAX) 
 
 
 def test_the_best_checkpoint_is_not_the_one_with_the_luckiest_report(tmp_path):
-    config = tiny(**NOISY)
-    learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
+    learner = learner_of(tiny(**NOISY))
     run = Run.create(learner, tmp_path / "run")
     found = scripted([(1, 2), (9, 3), (4, 5), (5, 4)], run, learner)
     assert [evaluation.best for evaluation in found] == [True, True, True, False]

@@ -2,16 +2,12 @@
 
 import pytest
 import torch
-from tiny import tiny
 from torch import nn
 from torch.testing import assert_close
 
-from morlax_torch import MorlaxError, load
-from morlax_torch.commands.train import command as train_command
+from morlax_torch import MorlaxError
 from morlax_torch.networks.family import Conditioned
 from morlax_torch.networks.mlp import mlp
-from morlax_torch.runs.loading import evaluate
-from morlax_torch.train import train
 
 TRADEOFFS = torch.tensor([[0.5, 1.5], [1.0, 0.0], [0.3, 0.7]])
 SIMPLEX = torch.tensor([[0.25, 0.75], [1.0, 0.0], [0.3, 0.7]])
@@ -51,11 +47,3 @@ def test_a_specialized_network_is_the_family_s_under_one_tradeoff(network, input
     with torch.no_grad():
         next(family.parameters()).zero_()
     assert_close(alone(inputs[0]), wanted)
-
-
-def test_a_run_is_trained_resumed_and_evaluated(tmp_path):
-    run = train(tiny(**{"network.type": "conditioned"}), output=tmp_path / "run").folder
-    train_command(["--resume", str(run), "--max-env-steps", "96"])
-    assert evaluate(run, tradeoffs=4, device="cpu").returns.shape == (4, 2)
-    policy, seen = load(run), torch.randn(3, 13)
-    assert_close(policy.specialize((0.2, 0.8))(seen), policy(seen, (0.2, 0.8)))

@@ -11,8 +11,6 @@ from tiny import tiny
 from torch import nn
 
 from morlax_torch import MORLAX, MorlaxError, Policy, load, save
-from morlax_torch.algorithms import registry
-from morlax_torch.algorithms.learner import Learner
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
@@ -22,10 +20,6 @@ O, A, m = 13, 4, 2  # observation size, action size and objectives of the hopper
 
 def usual(**changes: object) -> Config:
     return tiny(**{"network.actor": (64, 64), **changes})
-
-
-def make_learner(config: Config, **networks: nn.Module) -> Learner:
-    return registry.make_learner(config.make_worlds(config.worlds, config.seed), config, **networks)
 
 
 def weights(morlax: MORLAX) -> dict[str, torch.Tensor]:
@@ -97,12 +91,12 @@ def test_networks_that_keep_state_between_calls_are_refused(way, algorithm):
         with pytest.raises(
             MorlaxError, match=f"the {name} keeps tensors from call to call"
         ) as error:
-            make_learner(usual(algorithm=algorithm), **{name: network})
+            trainer(usual(algorithm=algorithm), **{name: network})
         assert "\n" not in str(error.value)
         copy.deepcopy(network)  # it is as before
         assert not network.history and not network.state.any()
     actor.way = ""
-    make_learner(usual(algorithm=algorithm), actor=actor)
+    trainer(usual(algorithm=algorithm), actor=actor)
 
 
 @pytest.mark.parametrize("sentence", MISFITS)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import torch
 from same import assert_same
-from tiny import learner, scaled, tiny
+from tiny import learner, scaled, tiny, varied
 
 import morlax_torch
 from morlax_torch import MORLAX, MorlaxError, Policy, save
 from morlax_torch.algorithms.learner import make_agent
-from morlax_torch.networks.agent import Agent, Sizes
 from morlax_torch.networks.mlp import Linear
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
@@ -122,11 +121,7 @@ def test_tradeoffs_can_be_lists_tuples_arrays_or_tensors(policy, observation, fo
     ids=str,
 )
 def test_threads_can_share_a_policy(observation, tmp_path, monkeypatch, changes):
-    config = tiny(**changes)
-    agent = Agent(config, Sizes(13, 4, 2))
-    for parameter in agent.parameters():  # they start equal for all trade-offs
-        torch.nn.init.normal_(parameter)
-    policy, usual = Policy(agent, config, ("run", "jump")), Linear.forward
+    policy, usual = varied(**changes), Linear.forward
     expected = [policy(observation, w) for w in TRADEOFFS]
     assert not torch.allclose(expected[0], expected[1], atol=0.1)
     together = Barrier(3, timeout=10)

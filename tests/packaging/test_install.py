@@ -1,12 +1,11 @@
 """The wheel installs one self-contained package."""
 
 import shutil
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+from programs import python
 
 from morlax_torch import __version__
 
@@ -32,11 +31,7 @@ def wheel(tmp_path_factory) -> Path:
         shutil.copytree(ROOT / name, sources / name)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, sources)
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, sources],
-        check=True,
-        capture_output=True,
-    )
+    python("-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, sources, check=True)
     (path,) = folder.glob("*.whl")
     return path
 
@@ -59,18 +54,9 @@ def installed(wheel, tmp_path_factory) -> Path:
     return folder
 
 
-def python(installed: Path, *words: str | Path, **variables: str) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, *words],
-        capture_output=True,
-        text=True,
-        cwd=installed,
-        env={"PYTHONPATH": str(installed), "PATH": "", **variables},
-    )
-
-
 @pytest.mark.slow
 def test_an_installed_wheel_builds_every_task(installed):
-    done = python(installed, "-c", BUILD_EVERY_TASK)
+    variables = {"PYTHONPATH": str(installed), "PATH": ""}
+    done = python("-c", BUILD_EVERY_TASK, cwd=installed, env=variables)
     assert done.returncode == 0, done.stderr
     assert Path(done.stdout.strip()).is_relative_to(installed)

@@ -2,13 +2,13 @@
 
 import ast
 import re
-import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 import yaml
+from programs import python
 
 import morlax_torch
 from morlax_torch import __main__ as commands
@@ -17,10 +17,6 @@ from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.process import program
 
 ROOT = Path(__file__).parents[2]
-
-
-def python(*words: str) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, *words], capture_output=True, text=True, cwd=ROOT)
 
 
 def test_citation_and_changelog_name_the_version():
@@ -66,7 +62,7 @@ def test_public_functions_can_be_imported_and_called_in_any_order(orders):
     lines += [*orders, "assert train is morlax_torch.train.train"]
     lines += ["assert callable(evaluate) and choose is morlax_torch.choose"]
     lines += ["try: train(nothing=0)", "except TypeError as e: print(e)"]
-    done = python("-c", "\n".join(lines))
+    done = python("-c", "\n".join(lines), cwd=ROOT)
     assert "train() got an unexpected keyword argument 'nothing'" in done.stdout, done.stderr
 
 
@@ -86,13 +82,13 @@ def test_workflows_pin_actions():
 
 
 def test_the_package_does_not_contain_itself():
-    done = python("-c", "import morlax_torch.morlax_torch")
+    done = python("-c", "import morlax_torch.morlax_torch", cwd=ROOT)
     assert "ModuleNotFoundError: No module named 'morlax_torch.morlax_torch'" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["envs", "configs"])
 def test_a_folder_of_the_checkout_is_imported_under_one_name_only(name):
-    done = python("-c", f"import {name}")
+    done = python("-c", f"import {name}", cwd=ROOT)
     last = done.stderr.strip().splitlines()[-1]
     assert last == f"ImportError: import this package as morlax_torch.{name}, not as {name}."
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from tiny import tiny
+from tiny import learner, tiny
 
-from morlax_torch import MORLAX, MorlaxError, load
+from morlax_torch import MorlaxError, load
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
 from morlax_torch.runs.progress import History
@@ -38,15 +38,9 @@ def edit(file: Path, *keys: Any, value: Any) -> None:
     torch.save(contents, file)
 
 
-def resume(run: Path) -> Run:
-    opened = Run.open(run)
-    config = opened.config()
-    learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
-    try:
-        opened.restore(learner)
-    finally:
-        opened.close()
-    return opened
+def resume(run: Path) -> None:
+    with Run.open(run) as opened:
+        opened.restore(learner(opened.config()))
 
 
 BAD_POLICIES = {

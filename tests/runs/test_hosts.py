@@ -1,11 +1,11 @@
 """Optional libraries are imported only by their own adapters."""
 
 import importlib
-import subprocess
 import sys
 from importlib import metadata
 
 import pytest
+from programs import python
 from tiny import TYPED
 
 from morlax_torch import MorlaxError
@@ -48,12 +48,8 @@ def test_errors_name_the_extra_to_install_and_the_required_version(name, monkeyp
 @pytest.mark.long
 def test_weights_and_biases_syncs_the_indicators_and_losses(tmp_path):
     pytest.importorskip("wandb")
-    done = subprocess.run(
-        [sys.executable, "-c", TRAIN_TRACKED, "--env", "hopper", *TYPED, "--output", "run"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
+    words = "--env", "hopper", *TYPED, "--output", "run"
+    done = python("-c", TRAIN_TRACKED, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (log,) = tmp_path.glob("wandb/offline-run-*/*.wandb")
     assert b"front/hypervolume" in log.read_bytes() and b"train/policy_loss" in log.read_bytes()

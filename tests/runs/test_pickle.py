@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from tiny import tiny
+from tiny import varied
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load
 from morlax_torch.algorithms.registry import LEARNERS
 from morlax_torch.configuration.config import Config
-from morlax_torch.networks.agent import Agent, Sizes
 
 WEIGHTS = (0.3, 0.7)
 TASK = """
@@ -54,13 +53,9 @@ def saved_and_loaded(policy: Policy) -> Policy:
     ids=str,
 )
 def test_copies_of_policies_give_the_same_actions(changes, copied):
-    config = tiny(**changes)
-    agent = Agent(config, Sizes(13, 4, 2))
-    for parameter in agent.parameters():  # they start equal for all trade-offs
-        torch.nn.init.normal_(parameter)
-    policy, observation = Policy(agent, config, ("run", "jump")), torch.randn(5, 13)
+    policy, observation = varied(**changes), torch.randn(5, 13)
     again = copied(policy)
-    assert again.config == config
+    assert again.config == policy.config
     for weights in ((1.0, 0.0), WEIGHTS):
         assert torch.equal(again(observation, weights), policy(observation, weights))
         fixed = again.specialize(weights)

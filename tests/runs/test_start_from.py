@@ -7,11 +7,10 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 from same import assert_same
-from tiny import tiny
+from tiny import learner, tiny
 
 import morlax_torch
 from morlax_torch import MorlaxError
-from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.loading import start_from
 from morlax_torch.train import train
@@ -27,9 +26,9 @@ def base(tmp_path_factory) -> Path:
 
 def started(base: Path, **changes):
     config = tiny("cheetah", start_from=str(base), **changes)
-    learner = make_learner(config.make_worlds(config.worlds, config.seed), config)
-    start_from(str(base), learner)
-    return learner
+    made = learner(config)
+    start_from(str(base), made)
+    return made
 
 
 def test_the_policies_of_known_objectives_stay(base, tmp_path):

@@ -1,7 +1,6 @@
 """A run's files execute no code by themselves."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,19 +15,18 @@ from morlax_torch.train import train
 
 PAYLOAD = """
 from pathlib import Path
-from morlax_torch.envs.robots.planar import Hopper
-Path({sprung!r}).touch()
-class Robot(Hopper):
-    model_file = {model!r}
+from morlax_torch import envs
+Path({!r}).touch()
+class Robot(envs.get("hopper")):
+    pass
 """
 
 
 @pytest.fixture
 def hostile(tmp_path: Path, make_policy) -> Path:
     """A run whose task is a Python file that leaves a trace when it runs."""
-    model = Path(sys.modules[envs.get("hopper").__module__].__file__).parent / "assets/hopper.xml"
     robot = tmp_path / "robot.py"
-    robot.write_text(PAYLOAD.format(sprung=str(tmp_path / "sprung"), model=str(model)))
+    robot.write_text(PAYLOAD.format(str(tmp_path / "sprung")))
     policy = make_policy("hopper", network={"actor": [8]})
     # as an attacker would, without running the code
     object.__setattr__(policy.config, "env", f"{robot}:Robot")

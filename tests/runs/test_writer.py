@@ -11,9 +11,9 @@ from typing import Any, cast
 
 import pytest
 import torch
-from tiny import tiny
+from tiny import learner, tiny
 
-from morlax_torch import MORLAX, MorlaxError
+from morlax_torch import MorlaxError
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Progress
@@ -28,7 +28,7 @@ class Trial:
 
     def __init__(self, folder: Path, during: Callable[[int], None], **changes: Any):
         config = tiny(**{"max_env_steps": 99_999, "evaluation.every": EVERY, **changes})
-        self.learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
+        self.learner = learner(config)
         self.run = Run.create(self.learner, folder)
         self.found: list[int] = []
         self.saved: list[int] = []
@@ -154,22 +154,6 @@ def test_a_full_disk_ends_training_with_one_error(tmp_path, monkeypatch, capfd):
     monkeypatch.undo()
     resumed = train(tiny(max_env_steps=160), Run.open(trial.run.folder))
     assert [row["iteration"] for row in rows(resumed)] == ["0", "2", "3", "4", "5"]
-
-
-def test_a_writer_runs_jobs_in_order_and_lets_few_of_them_wait():
-    order, ahead, returned = [], [], 0
-
-    def job(number: int) -> None:
-        order.append(number)
-        ahead.append(returned - number)
-        time.sleep(0.01)
-
-    with Writer(most_waiting=2) as writer:
-        for number in range(8):
-            writer.put(lambda number=number: job(number))
-            returned += 1
-    assert order == list(range(8))
-    assert max(ahead) <= 2
 
 
 def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():

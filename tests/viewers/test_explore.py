@@ -139,13 +139,8 @@ def show(view: View, run: str, objectives: int) -> None:
     view.until(lambda: len(view.tradeoff()) == objectives, "not shown")
 
 
-def shot(view: View, name: str, tmp_path: Path) -> None:
-    """Keep a picture where MORLAX_SCREENSHOTS says."""
-    view.tab.screenshot(path=Path(os.environ.get("MORLAX_SCREENSHOTS", tmp_path)) / f"{name}.png")
-
-
 @pytest.mark.slow
-def test_a_browser_steers_the_robot(visit, tmp_path):
+def test_a_browser_steers_the_robot(visit):
     view = visit()
     assert view.tab.title() == "cheetah3 · morlax"
     view.moves()
@@ -160,7 +155,6 @@ def test_a_browser_steers_the_robot(visit, tmp_path):
     view.until(
         lambda: view.value("energy saved") == pytest.approx(others[0], abs=6e-3), "they differ"
     )
-    shot(view, "slider", tmp_path)
 
     # keys work while a slider or a button has the focus, which keeps its own keys
     slider, timeline = view.slider("energy saved"), view.tab.locator("#timeline")
@@ -230,9 +224,8 @@ def middle(locator: Any) -> tuple[float, float]:
 
 
 @pytest.mark.slow
-def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tmp_path):
+def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit):
     first, phone = visit(), visit(390, 844)
-    shot(phone, "phone", tmp_path)
     first.tab.fill("#typed", "1, 3, 0")
     phone.until(lambda: phone.tradeoff() == (0.25, 0.75, 0), "the other tab does not follow")
     phone.press("energy saved")  # while the first tab's field still has the focus
@@ -282,7 +275,6 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
     third.drag("m/s to the left", 1.0)
     limit = float(third.slider("m/s to the left").get_attribute("max"))
     phone.until(lambda: phone.value("m/s to the left") == pytest.approx(limit, abs=1e-3), "no")
-    shot(third, "command", tmp_path)
 
     third.tab.evaluate("document.activeElement.blur()")
     third.tab.keyboard.press("x")
@@ -294,7 +286,7 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit, tm
 
 
 @pytest.mark.slow
-def test_the_page_looks_back_on_training_and_follows_it_without_a_reload(visit, tmp_path):
+def test_the_page_looks_back_on_training_and_follows_it_without_a_reload(visit):
     view = visit()
     scrubber = view.tab.get_by_role("slider", name="Training", exact=True)
     scrubber.focus()
@@ -304,7 +296,6 @@ def test_the_page_looks_back_on_training_and_follows_it_without_a_reload(visit, 
     assert scrubber.get_attribute("aria-valuetext") == said
     past = view.tab.locator("#front .looks-back g circle:not(.mark)")
     view.until(lambda: past.count() > 0, "the earlier front is not shown")
-    shot(view, "training", tmp_path)
     scrubber.press("End")
     view.until(lambda: past.count() == 0, "the page does not return to the present")
     assert view.tab.locator("#front .earlier").count() == 2
@@ -424,14 +415,13 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
 
 
 @pytest.mark.slow
-def test_a_browser_finds_the_preferred_tradeoff(visit, tmp_path):
+def test_a_browser_finds_the_preferred_tradeoff(visit):
     view = visit()
     front = Front.load(loading.find_run("cheetah") / "front.npz")
     show(view, "cheetah", 2)
 
     view.press("A or B?")
     view.until(lambda: view.names() == ["A", "B"], "A and B have no names")
-    shot(view, "asking", tmp_path)
     for number in range(9):
         text = f"Answers so far: {number}"
         view.until(lambda t=text: view.text("question").endswith(t), "no next question")
@@ -474,6 +464,14 @@ def run_in(view: View, script: str, *given: Any) -> Any:
     )
 
 
+def plain(model: mujoco.MjModel) -> dict[str, Any]:
+    """Return what the page needs of a model's geoms and bodies, as plain numbers."""
+    names = [name for name in dir(model) if name.startswith(("geom_", "mesh_"))]
+    arrays = {name: getattr(model, name) for name in names}
+    numbers = {k: v.ravel().tolist() for k, v in arrays.items() if isinstance(v, np.ndarray)}
+    return {"ngeom": model.ngeom, "nbody": model.nbody, **numbers}
+
+
 SHAPES = """
 <mujoco><asset><mesh name="m" vertex="0 0 0  .3 0 0  0 .3 0  0 0 .3"/></asset><worldbody>
   <geom type="sphere" size=".2"/><geom type="capsule" size=".1 .3"/>
@@ -507,10 +505,7 @@ MEASURE = """
 @pytest.mark.slow
 def test_shapes_match_mujoco_volumes_and_bounds(visit):
     model = mujoco.MjModel.from_xml_string(SHAPES)
-    names = [name for name in dir(model) if name.startswith(("geom_", "mesh_"))]
-    arrays = {name: getattr(model, name) for name in names}
-    plain = {k: v.ravel().tolist() for k, v in arrays.items() if isinstance(v, np.ndarray)}
-    found = run_in(visit(), MEASURE, {"ngeom": model.ngeom, **plain})
+    found = run_in(visit(), MEASURE, plain(model))
     pi = np.pi
     volumes = [
         4 / 3 * pi * 0.2**3,
@@ -550,12 +545,9 @@ TINTED = """
 def test_bodies_show_by_color_how_far_they_are_from_the_motion(visit):
     body = '<body><geom size=".1" rgba="1 1 1 1"/></body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{5 * body}</worldbody></mujoco>")
-    names = [name for name in dir(model) if name.startswith(("geom_", "mesh_"))]
-    arrays = {name: getattr(model, name) for name in names}
-    plain = {k: v.ravel().tolist() for k, v in arrays.items() if isinstance(v, np.ndarray)}
-    sizes, shown = {"ngeom": model.ngeom, "nbody": model.nbody}, ["ghost", "errors"]
+    shown = ["ghost", "errors"]
     shifts = [0, 0, 0.05, 0.1, 0.15, 9]  # m
-    looks = run_in(visit(), TINTED, {**sizes, **plain}, shifts, [shown, shown[:1], shown[1:]])
+    looks = run_in(visit(), TINTED, plain(model), shifts, [shown, shown[:1], shown[1:]])
     (colors, seen), (bare, still), (hidden, unseen) = looks
     greens = [int(color[2:4], 16) for color in colors]
     assert greens[0] == 255 and greens[3] == greens[4] and greens == sorted(greens, reverse=True)

@@ -4,19 +4,17 @@ import math
 import signal
 import socket
 import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
 import pytest
 from browsing import PATIENCE, Client, addressed, exploring, started
 from tiny import TYPED
 
-from morlax_torch import envs, save
+from morlax_torch import save
 
 
 @pytest.fixture(scope="module")
@@ -225,9 +223,8 @@ def test_a_page_beside_training_stays_until_ctrl_c(workplace):
 
 FRAGILE = """
 from pathlib import Path
-from morlax_torch.envs.robots.planar import Hopper
-class Robot(Hopper):
-    model_file = {model!r}
+from morlax_torch import envs
+class Robot(envs.get("hopper")):
     def apply(self, action):
         if Path("broken").exists():
             raise RuntimeError("a joint broke")
@@ -236,25 +233,23 @@ class Robot(Hopper):
 
 
 @pytest.mark.slow
-def test_an_error_in_the_robot_s_code_pauses_it(tmp_path, monkeypatch, make_policy, make_run):
-    monkeypatch.chdir(tmp_path)
-    damaged = make_run(tmp_path / "runs/hopper/b", "hopper", "best") / "checkpoints/best.pt"
-    model = Path(sys.modules[envs.get("hopper").__module__].__file__).parent / "assets/hopper.xml"
-    (tmp_path / "robot.py").write_text(FRAGILE.format(model=str(model)))
+def test_an_error_in_the_robot_s_code_pauses_it(workplace, make_policy, make_run):
+    damaged = make_run(workplace / "runs/hopper/b", "hopper", "best") / "checkpoints/best.pt"
+    (workplace / "robot.py").write_text(FRAGILE)
     policy = make_policy("hopper", network={"actor": [8]})
-    object.__setattr__(policy.config, "env", f"{tmp_path}/robot.py:Robot")
-    (tmp_path / "run/checkpoints").mkdir(parents=True)
-    save(policy, tmp_path / "run/checkpoints/best.pt")
+    object.__setattr__(policy.config, "env", f"{workplace}/robot.py:Robot")
+    (workplace / "run/checkpoints").mkdir(parents=True)
+    save(policy, workplace / "run/checkpoints/best.pt")
     with exploring("run", "--trust") as (address, process):
         client = Client(address)
-        (tmp_path / "broken").touch()
+        (workplace / "broken").touch()
         client.until(lambda: bool(client.told), "nothing is told")
         assert set(client.told) == {"RuntimeError: a joint broke"}
         client.until(lambda: client.state["paused"], "the robot is not paused")
         later = Client(address)  # also learns why the robot stands still
         assert later.state["failure"] == client.told[0]
         later.close()
-        (tmp_path / "broken").unlink()
+        (workplace / "broken").unlink()
         client.send("pause", on=False)
         client.moves()
 

@@ -385,28 +385,3 @@ def test_arrows_of_contacts_carry_the_weight():
     arrows = contact_arrows(model, data)
     lengths = np.linalg.norm(arrows[:, 1] - arrows[:, 0], axis=1)
     assert lengths.max() == pytest.approx(model.stat.extent)
-
-
-def test_answers_move_the_recommendation_to_the_preferred_end():
-    session = Session.open(library.choose("cheetah"))
-    front = session.front
-    comparison = Comparison(front, (session.twin(), session.twin()))
-    first = comparison.state()
-    for _ in range(9):
-        for robot in comparison.robots:
-            robot.step()
-            assert robot.steps == 1 and robot.player.tradeoff.tolist() == list(robot.tradeoff)
-        a, b = (robot.tradeoff for robot in comparison.robots)
-        comparison.answer(0 if a[0] > b[0] else 1)
-    state = comparison.state()
-    tradeoffs = front.tradeoffs.tolist()
-    assert state["answers"] == 9 and state["told"]["preferred"] == (0 if a[0] > b[0] else 1)
-    assert [tradeoffs[policy] for policy in state["told"]["policies"]] == [list(a), list(b)]
-    index = tradeoffs.index(list(state["best_tradeoff"]))
-    run = front.returns[front.non_dominated, 0]
-    assert front.returns[index, 0] > run.max() - 0.02 * np.ptp(run)
-    # the evidence grows: fewer policies are possible, and fewer questions remain
-    assert index in state["possible"]
-    assert len(state["possible"]) < len(first["possible"])
-    assert state["confidence"] > first["confidence"]
-    assert state["left"] < first["left"]

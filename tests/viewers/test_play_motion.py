@@ -1,7 +1,5 @@
 """The export of a policy that follows a motion does so in C MuJoCo as in mjlab."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +9,7 @@ import pytest
 import torch
 import yaml
 from motions import squat, write_squat
+from programs import played
 from tiny import tiny
 
 from morlax_torch import load as load_policy
@@ -106,14 +105,7 @@ def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
     (episode,) = run(deployment, None, 1, 100.0)
     assert episode.falls == 0 and 20 < episode.error < 200
     assert episode.seconds == pytest.approx(SECONDS + HOLD, abs=0.03)
-    code = (
-        "import sys\n"
-        "from morlax_torch.__main__ import command\n"
-        f"command(['play', {str(folder)!r}, '--episodes', '1', '--push', '0'])\n"
-        "print('found', {'torch', 'warp', 'mjlab', 'mujoco_warp'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "found set()" in done.stdout and "error, mm" in done.stdout, done.stderr
+    assert "error, mm" in played(folder, "--push", "0")
 
 
 def test_a_trade_off_over_time_is_followed_at_the_phase(exported, refused, tmp_path, capsys):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from growing import grow
 from PIL import Image
+from programs import python
 
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
@@ -53,13 +54,9 @@ SMALL = ("--width", "95", "--height", "65", "--seconds", "0.4")
     ],
 )
 def test_without_opengl_the_error_is_one_line(backend, sentence, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "morlax_torch", "record", "cheetah", "--output", "film.gif"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "MUJOCO_GL": backend, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )
+    env = {**os.environ, "MUJOCO_GL": backend, "PYTHONPATH": os.pathsep.join(sys.path)}
+    words = "-m", "morlax_torch", "record", "cheetah", "--output", "film.gif"
+    done = python(*words, cwd=tmp_path, env=env)
     assert done.returncode == 2 and not done.stdout
     assert re.match(f"error: {sentence}", done.stderr) and done.stderr.count("\n") == 1
     assert not os.listdir(tmp_path)
