@@ -41,14 +41,6 @@ class OneStep(envs.Worlds):
     def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
         return cls(options, num_worlds, device, seed, auto_reset)
 
-    @staticmethod
-    def returns(action: Tensor) -> Tensor:
-        raise NotImplementedError
-
-    @classmethod
-    def front(cls, number: int) -> Tensor:
-        raise NotImplementedError
-
     def reset(self) -> Tensor:
         return self.critic_observation()
 

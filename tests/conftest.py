@@ -178,7 +178,6 @@ def make_agent(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Agent]:
         observation_size: int = 3,
         action_size: int = 2,
         num_objectives: int = 2,
-        seed: int = 0,
         scale: float = 0.3,
         **network: object,
     ) -> Agent:
@@ -186,7 +185,7 @@ def make_agent(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Agent]:
         sizes = {"hidden": (8,), "features": 4, "actor": (6, 5), "critic": (7,)}
         changes = {"network": NetworkConfig.model_validate({**sizes, **network})}
         config = load_config(task_values("hopper", "cpu")).model_copy(update=changes)
-        generator = torch.Generator().manual_seed(seed)
+        generator = torch.Generator().manual_seed(0)
         return Agent(config, Sizes(observation_size, action_size, num_objectives), generator)
 
     return make
@@ -196,26 +195,19 @@ def make_agent(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Agent]:
 def make_rollout(generator: torch.Generator) -> Callable[..., Rollout]:
     """Return a factory of random rollouts in which some steps terminate and some truncate."""
 
-    def make(
-        horizon: int = 12,
-        clusters: int = 3,
-        worlds: int = 4,
-        observation_size: int = 3,
-        action_size: int = 2,
-        num_objectives: int = 2,
-    ) -> Rollout:
-        def noise(*shape: int) -> torch.Tensor:
-            return torch.randn(horizon, clusters, worlds, *shape, generator=generator)
+    def noise(*shape: int) -> torch.Tensor:
+        return torch.randn(12, 3, 4, *shape, generator=generator)  # (T, K, G, ...)
 
-        fate = torch.rand(horizon, clusters, worlds, generator=generator)
+    def make(num_objectives: int = 2) -> Rollout:
+        fate = torch.rand(12, 3, 4, generator=generator)
         return Rollout(
-            observation=noise(observation_size),
-            action=noise(action_size),
+            observation=noise(3),
+            action=noise(2),
             log_prob=noise(),
             reward=noise(num_objectives),
             terminated=fate < 0.15,
             truncated=fate > 0.85,
-            final_observation=noise(observation_size),
+            final_observation=noise(3),
         )
 
     return make

@@ -1,5 +1,6 @@
 """One contract for the adapters to other libraries: all show the package's own worlds."""
 
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -29,8 +30,10 @@ class Seen(NamedTuple):
 class Adapter:
     """N worlds of a task in another library, with a fixed trade-off and seed."""
 
+    library, home = "", ""  # what it needs, and where the package's class is
     clips = False  # actions outside [-1, 1], or leaves that to the task
     has_privileged = False
+    seeded = "seed"  # name of the seed of the models
 
     def __init__(
         self, task: str = "walker", number: int = 4, tradeoff: Any = TRADEOFF, **options: Any
@@ -38,6 +41,12 @@ class Adapter:
         seed = options.pop("seed", 0)
         self.env = self.make(task, tradeoff, number, seed, options)
         self.observation = self.start(seed)
+
+    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
+        pytest.importorskip(self.library, reason=f"{self.library} is not installed")
+        module, name = self.home.split(":")
+        kind = getattr(import_module(f"morlax_torch.adapters.{module}"), name)
+        return kind(task, tradeoff, number, "cpu", **{self.seeded: seed}, **options)
 
     def models(self) -> dict[str, Any]:
         return self.env.vector.worlds.state_dict()
@@ -62,13 +71,8 @@ class GymnasiumAdapter(Adapter):
 
 
 class RslRlAdapter(Adapter):
+    library, home = "rsl_rl", "rsl_rl:RslRlVecEnv"
     clips = has_privileged = True
-
-    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
-        pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
-        from morlax_torch.adapters.rsl_rl import RslRlVecEnv
-
-        return RslRlVecEnv(task, tradeoff, number, "cpu", seed=seed, **options)
 
     def start(self, seed: int) -> Tensor:
         return self.env.get_observations()["policy"]
@@ -85,13 +89,8 @@ class RslRlAdapter(Adapter):
 
 
 class SkrlAdapter(Adapter):
+    library, home = "skrl", "skrl:SkrlEnv"
     clips = has_privileged = True
-
-    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
-        pytest.importorskip("skrl", reason="skrl is not installed")
-        from morlax_torch.adapters.skrl import SkrlEnv
-
-        return SkrlEnv(task, tradeoff, number, "cpu", seed=seed, **options)
 
     def start(self, seed: int) -> Tensor:
         return self.env.reset()[0]
@@ -108,11 +107,8 @@ class SkrlAdapter(Adapter):
 
 
 class StableBaselines3Adapter(Adapter):
-    def make(self, task: str, tradeoff: Any, number: int, seed: int, options: dict) -> Any:
-        pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
-        from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
-
-        return StableBaselines3VecEnv(task, tradeoff, number, "cpu", model_seed=seed, **options)
+    library, home = "stable_baselines3", "stable_baselines3:StableBaselines3VecEnv"
+    seeded = "model_seed"
 
     def start(self, seed: int) -> Tensor:
         self.env.seed(seed)

@@ -173,13 +173,6 @@ def test_a_resumed_run_keeps_its_config(trained, monkeypatch, capsys, refused):
         assert said in refused(train, "--resume", "run", f"--{option}", "other")
 
 
-def test_a_checkpoint_of_another_task_is_refused(trained, monkeypatch, refused):
-    run(monkeypatch, train, "--env", "ant", *TYPED, "--output", "other")
-    latest = Path("checkpoints", "latest.pt")
-    (trained / latest).write_bytes((trained.parent / "other" / latest).read_bytes())
-    assert "is of task 'ant', not 'hopper'" in refused(train, "--resume", "run")
-
-
 def test_evaluate_prints_the_indicators_of_a_run_that_cannot_be_written(
     trained, monkeypatch, capsys
 ):

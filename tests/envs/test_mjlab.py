@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 from calm import calm
-from peers import check_blown_up, check_run, noise
+from peers import check_run
 from tiny import tiny
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -41,6 +41,10 @@ TOUR = "mjlab:Mjlab-Tour-Flat-Unitree-G1"
 G1 = "mjlab:Mjlab-Velocity-Flat-Unitree-G1"
 ROUGH = "mjlab:Mjlab-Velocity-Rough-Unitree-Go1"
 CARTPOLE = "mjlab:Mjlab-Cartpole-Balance"
+
+
+def noise(env: envs.Worlds) -> torch.Tensor:
+    return 2 * torch.rand(env.num_worlds, env.action_size) - 1
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +109,15 @@ def test_joints_actions_and_contacts_of_a_last_observation_are_exact(monkeypatch
 
 
 def test_worlds_that_are_not_finite_terminate_and_earn_nothing():
-    check_blown_up(envs.make(GO1, 3, "cpu"))
+    env = envs.make(GO1, 3, "cpu")
+    for _ in range(2):
+        action = noise(env)
+        action[1] = torch.nan
+        step = env.step(action)
+        assert step.blown_up.tolist() == step.terminated.tolist() == [False, True, False]
+        assert not step.reward[1].any() and step.reward[0].any()
+        assert step.observation.isfinite().all() and step.final_observation.isfinite().all()
+    assert env.blowups == 2
 
 
 def test_worlds_draw_from_a_generator_of_their_own():

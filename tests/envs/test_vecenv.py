@@ -6,22 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tiny import TYPED, learner, tiny
 
-from morlax_torch import MORLAX, MorlaxError, config_for, envs
+from morlax_torch import MorlaxError, envs
 from morlax_torch.commands.train import command as train_command
 from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
-TINY = {
-    "worlds": 16,
-    "horizon": 5,
-    "device": "cpu",
-    "max_env_steps": 240,
-    "sampling.clusters": 4,
-    "ppo.minibatches": 2,
-    "evaluation.tradeoffs": 6,
-}
+TINY = {"backend": None, "worlds": 16, "horizon": 5, "max_env_steps": 240, "task.episode_length": 8}
 
 
 class Line:
@@ -88,13 +81,12 @@ def test_a_world_that_is_over_earns_nothing_in_an_evaluation():
 
 
 def test_a_run_masks_steps_at_a_time_limit_and_says_so(tmp_path, capsys):
-    options = [f"--{name.replace('_', '-')}={value}" for name, value in TINY.items()]
-    train_command(["--env", NAME, *options, "--output", str(tmp_path / "run")])
+    typed = *TYPED[:-4], "--max-env-steps", "320", "--output", str(tmp_path / "run")
+    train_command(["--env", NAME, *typed])
     assert "steps at a time limit are left out (ppo.truncation mask)" in capsys.readouterr().out
     assert "truncation: mask" in (tmp_path / "run" / "config.yaml").read_text()
-    config = config_for(NAME, **TINY, **{"ppo.truncation": "bootstrap"})
     with pytest.raises(MorlaxError, match=r"do not show how an episode ended.*mask"):
-        MORLAX(envs.make(NAME, 16, "cpu"), config)
+        learner(tiny(NAME, **TINY, **{"ppo.truncation": "bootstrap"}))
 
 
 def test_an_environment_that_does_not_fit_is_refused():
@@ -127,34 +119,30 @@ def alone(again: bool) -> type[envs.Worlds]:
 def test_training_and_evaluations_take_turns_in_the_only_environment():
     envs.register("only-line", alone(again=True))
     envs.register("two-lines", envs.from_vecenv(Line, LineWorlds.read_terms, GOALS, None, 8))
-    changes = {**TINY, "worlds": 8, "sampling.clusters": 2, "evaluation.tradeoffs": 4}
-    fronts = []
-    for name in ("only-line", "two-lines"):
-        config = config_for(name, **changes)
-        learner = MORLAX(config.make_worlds(8, config.seed), config)
-        evaluator = make_evaluator(learner)
-        fronts.append(evaluator.evaluate())
+    fronts = [
+        make_evaluator(learner(tiny(name, **TINY))).evaluate()
+        for name in ("only-line", "two-lines")
+    ]
     np.testing.assert_array_equal(fronts[0].returns, fronts[1].returns)
 
 
 def test_episodes_start_anew_after_an_evaluation_in_the_only_environment():
     envs.register("lonely-line", alone(again=True))
-    config = config_for("lonely-line", **TINY)
-    learner = MORLAX(config.make_worlds(16, config.seed), config)
-    evaluator = make_evaluator(learner)
+    made = learner(tiny("lonely-line", **TINY))
+    evaluator = make_evaluator(made)
     for _ in range(3):
-        learner.iterate()  # 5 steps
-        time = 8 * learner.rollout.observation[..., 1].flatten(1)
+        made.iterate()  # 5 steps
+        time = 8 * made.rollout.observation[..., 1].flatten(1)
         assert torch.equal(time, torch.arange(5.0)[:, None].expand(5, 16))
         evaluator.evaluate()
-    assert learner.metrics().get("episode_length", 0) == 0  # none came to its end
+    assert made.metrics().get("episode_length", 0) == 0  # none came to its end
     with pytest.raises(MorlaxError, match=r"have been moved by others.*reset"):
-        learner.env.step(torch.zeros(16, 1))
+        made.env.step(torch.zeros(16, 1))
 
 
 def test_a_run_trains_and_resumes_in_the_only_environment(tmp_path):
     envs.register("single-line", alone(again=True))
-    config = config_for("single-line", **TINY)
+    config = tiny("single-line", **TINY)
     run = train(config, output=tmp_path / "run")
     train(config.model_copy(update={"max_env_steps": 480}), Run.open(run.folder))
     rows = (run.folder / "metrics.csv").read_text().splitlines()

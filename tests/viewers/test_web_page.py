@@ -14,6 +14,7 @@ import pytest
 import torch
 import web_robots
 from browsing import COARSE, FEW_FRAMES, PATIENCE, chromium, until
+from tiny import tiny
 
 import morlax_torch
 from morlax_torch import MorlaxError, envs
@@ -82,11 +83,7 @@ def folder(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("web")
     task = f"{web_robots.write(place / 'robots')}:Tumbler"
     envs.trust(task)
-    small = {"device": "cpu", "worlds": 8, "horizon": 4, "max_env_steps": 64}
-    config = morlax_torch.config_for(
-        task, **small, **{"sampling.clusters": 4, "ppo.minibatches": 1, "evaluation.tradeoffs": 4}
-    )
-    run = train(config, output=place / "run").folder
+    run = train(tiny(task), output=place / "run").folder
     write_page(["cheetah3", str(run)], place / "page")
     return place / "page"
 
