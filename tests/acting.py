@@ -13,3 +13,10 @@ def still(env: envs.Worlds) -> Tensor:
 def random_actions(env: envs.Worlds, steps: int, seed: int = 0) -> Tensor:
     generator = torch.Generator().manual_seed(seed)
     return torch.rand(steps, env.num_worlds, env.action_size, generator=generator) * 2 - 1
+
+
+def falling(num_envs: int = 4, num_actions: int = 6) -> Tensor:
+    """Return constant actions (N, A); walkers fall at different times, the first never."""
+    actions = torch.rand(num_envs, num_actions, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    actions[0] = 0.0
+    return actions

@@ -262,10 +262,14 @@ def opengl() -> None:
 
 @pytest.fixture(scope="session")
 def make_run(make_front, make_policy) -> Callable[..., Path]:
-    """Return a factory of run folders with untrained policies and a front."""
+    """Return a factory of run folders with untrained policies and a front.
 
-    def make(folder: Path, task: str, *checkpoints: str) -> Path:
+    `env` is the task that the files name instead, as an attacker's would: its code does not run.
+    """
+
+    def make(folder: Path, task: str, *checkpoints: str, env: str = "") -> Path:
         policy = make_policy(task, network={"actor": [8]}, task={"episode_length": 200})
+        object.__setattr__(policy.config, "env", env or task)
         (folder / "checkpoints").mkdir(parents=True)
         for name in checkpoints:
             save(policy, folder / "checkpoints" / f"{name}.pt")

@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from tiny import tiny
 
-from morlax_torch import MorlaxError, config_for, envs
+from morlax_torch import MorlaxError, envs
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
@@ -24,19 +25,10 @@ HyperSACOptions.start = 1
 
 def config(algorithm: str, size: int) -> Config:
     """Return the config of one of `size` processes."""
-    return config_for(
-        "hopper",
-        device="cpu",
-        algorithm=algorithm,
-        worlds=WORLDS // size,
-        horizon=HORIZON,
-        max_env_steps=100_000,
-        network={"actor": (8,), "critic": (8,), "hidden": (8,)},
-        sampling={} if algorithm == "amor" else {"clusters": CLUSTERS},
-        ppo={"minibatches": 1, "desired_kl": 0.01},
-        task={"reset_noise": 0.05},
-        **({"method": {"batch": 32, "updates": 2}} if algorithm == "hyper-sac" else {}),
-    )
+    changes = {"ppo.desired_kl": 0.01, "task.reset_noise": 0.05, "max_env_steps": 100_000}
+    if algorithm == "hyper-sac":
+        changes |= {"method.batch": 32, "method.updates": 2}
+    return tiny(algorithm=algorithm, worlds=WORLDS // size, horizon=HORIZON, **changes)
 
 
 def statistics(group: Group) -> dict[str, Any]:

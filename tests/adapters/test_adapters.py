@@ -7,8 +7,8 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from acting import falling
 from tiny import Blind
-from toppling import falling
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs

@@ -10,26 +10,19 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from acting import falling
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from programs import python
-from toppling import falling
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.adapters.episode_statistics import EpisodeStatistics
 from morlax_torch.adapters.gymnasium import GymnasiumEnv, GymnasiumVectorEnv
 from morlax_torch.envs.robots.cheetah import Cheetah
 
-IDS = {
-    "ant": "morlax_torch/Ant-v0",
-    "cheetah": "morlax_torch/Cheetah-v0",
-    "cheetah3": "morlax_torch/Cheetah3-v0",
-    "hopper": "morlax_torch/Hopper-v0",
-    "humanoid": "morlax_torch/Humanoid-v0",
-    "walker": "morlax_torch/Walker-v0",
-}
-HOPPER, WALKER = IDS["hopper"], IDS["walker"]
+TASKS = ("Ant", "Cheetah", "Cheetah3", "Hopper", "Humanoid", "Walker")
+HOPPER, WALKER = "morlax_torch/Hopper-v0", "morlax_torch/Walker-v0"
 
 
 def vector(task: str = HOPPER, num_envs: int = 3, **options) -> GymnasiumVectorEnv:
@@ -67,10 +60,10 @@ def test_a_custom_task_gets_an_id_of_its_own():
         envs.get("Hopper")
 
 
-@pytest.mark.parametrize("task", IDS)
+@pytest.mark.parametrize("task", TASKS)
 def test_a_scalar_environment_passes_gymnasium_s_checker(task):
-    objectives = 3 if task == "cheetah3" else 2
-    env = gymnasium.make(IDS[task], tradeoff=(0.5,) * objectives)
+    objectives = 3 if task == "Cheetah3" else 2
+    env = gymnasium.make(f"morlax_torch/{task}-v0", tradeoff=(0.5,) * objectives)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(env.unwrapped, skip_render_check=True)
@@ -172,7 +165,7 @@ def test_the_viewer_window_follows_the_simulation(monkeypatch):
 
 
 def test_vector_environments_return_detached_tensors_and_vector_rewards():
-    env = vector(IDS["cheetah3"], num_envs=5)
+    env = vector("morlax_torch/Cheetah3-v0", num_envs=5)
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert env.num_envs == 5 and env.reward_space.shape == (3,)
     assert env.single_observation_space.shape == (17,) and env.observation_space.shape == (5, 17)

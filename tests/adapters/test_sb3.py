@@ -8,9 +8,9 @@ from morlax_torch import MorlaxError
 
 pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
 
+from acting import falling
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
-from toppling import falling
 
 from morlax_torch.adapters.stable_baselines3 import StableBaselines3VecEnv
 

@@ -1,43 +1,18 @@
 """skrl trains in the package's worlds."""
 
 import pytest
-import torch
 
 pytest.importorskip("skrl", reason="skrl is not installed")
 
 from skrl.agents.torch.ppo import PPO
 from skrl.memories.torch import RandomMemory
-from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 from skrl.trainers.torch import SequentialTrainer
+from skrl.utils.model_instantiators.torch import deterministic_model, gaussian_model
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from torch import nn
 
 from morlax_torch.adapters.skrl import SkrlEnv
 
 pytestmark = pytest.mark.usefixtures("single_thread")
-
-
-class Actor(GaussianMixin, Model):
-    def __init__(self, **spaces):
-        Model.__init__(self, **spaces)
-        GaussianMixin.__init__(self)
-        self.net = nn.Sequential(
-            nn.Linear(self.num_observations, 64), nn.Tanh(), nn.Linear(64, self.num_actions)
-        )
-        self.log_std = nn.Parameter(torch.zeros(self.num_actions))
-
-    def compute(self, inputs, role):
-        return self.net(inputs["observations"]), {"log_std": self.log_std}
-
-
-class Critic(DeterministicMixin, Model):
-    def __init__(self, **spaces):
-        Model.__init__(self, **spaces)
-        DeterministicMixin.__init__(self)
-        self.net = nn.Sequential(nn.Linear(self.num_observations, 64), nn.Tanh(), nn.Linear(64, 1))
-
-    def compute(self, inputs, role):
-        return self.net(inputs["observations"]), {}
 
 
 def train(env: SkrlEnv, steps: int, folder: str) -> None:
@@ -46,8 +21,11 @@ def train(env: SkrlEnv, steps: int, folder: str) -> None:
     cfg = {"rollouts": 50, "mini_batches": 4, "discount_factor": 0.97, "experiment": logged}
     names = ("observation_space", "state_space", "action_space", "device")
     spaces = {name: getattr(env, name) for name in names}
+    layers = {"input": "OBSERVATIONS", "layers": [64], "activations": "tanh", "name": "net"}
+    policy = gaussian_model(**spaces, network=[layers], output="ACTIONS")
+    value = deterministic_model(**spaces, network=[layers], output="ONE")
     agent = PPO(
-        models={"policy": Actor(**spaces), "value": Critic(**spaces)},
+        models={"policy": policy, "value": value},
         memory=RandomMemory(memory_size=50, num_envs=env.num_envs, device=env.device),
         cfg=cfg,
         **spaces,

@@ -10,9 +10,9 @@ from morlax_torch import MorlaxError, envs
 
 pytest.importorskip("torchrl", reason="TorchRL is not installed")
 
+from acting import falling
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
-from toppling import falling
 from torch import nn
 from torchrl.envs import GymWrapper, LineariseRewards, RewardSum, TransformedEnv
 from torchrl.envs.utils import check_env_specs

@@ -190,14 +190,9 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "pip install": "needs a network; .ci/run installs the package",
     "pip uninstall": "removes what the tests need",
     "apt-get": "needs root",
-    "nvidia-smi": "needs a GPU",
-    "torch.cuda.init()": "needs a GPU",
+    **dict.fromkeys(("nvidia-smi", "torch.cuda.init()"), "needs a GPU"),
     "ssh ": "needs another machine",
-    "srun ": "needs Slurm",
-    "scontrol ": "needs Slurm",
-    "#!": "needs Slurm",
-    "#SBATCH": "needs Slurm",
-    "--rdzv-id": "needs Slurm",
+    **dict.fromkeys(("srun ", "scontrol ", "#!", "#SBATCH", "--rdzv-id"), "needs Slurm"),
     "torchrun ": "test_torchrun.py starts such processes",
     "-m morlax_torch.train --env humanoid --output /shared/humanoid": "test_torchrun.py does",
     "python benchmarks/": "takes minutes to hours; test_compare.py imports some",
@@ -218,7 +213,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "runs/go1": "needs mjlab; test_mjlab.py trains",
     "runs/jazz": "needs mjlab; test_tracking.py trains",
     "mjlab:": "needs older simulators; test_mjlab.py trains",
-    "gymnasium:mo-": "needs mo-gymnasium; test_mo_gymnasium.py trains",
+    "gymnasium:mo-": "needs mo-gymnasium; test_gymnasium_worlds.py trains",
     "MUJOCO_GL=osmesa": "needs OSMesa",
     "http.server": "serves until it is stopped; test_web_page.py serves such a page",
     "morlax pack": "needs a finished run; .ci/smoke.py packs one",
@@ -246,11 +241,7 @@ def printed() -> list:
     return [pytest.param(line, id=f"{page}: {line}") for line, page in found.items()]
 
 
-def reason_not_to_run(line: str) -> str | None:
-    return next((reason for part, reason in NOT_RUN.items() if part in line), None)
-
-
-RUNNABLE = [case for case in printed() if reason_not_to_run(case.values[0]) is None]
+RUNNABLE = [case for case in printed() if not any(part in case.values[0] for part in NOT_RUN)]
 
 
 def words(line: str) -> list[str]:

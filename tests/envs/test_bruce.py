@@ -1,12 +1,12 @@
 """BRUCE has the published masses, joints and motors, and stands."""
 
-import csv
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from same import csv_rows
 
 from morlax_torch.envs.robots.bruce import model as bruce
 
@@ -40,8 +40,7 @@ def rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @pytest.fixture(scope="module")
 def facts() -> list[Fact]:
-    with FACTS.open() as file:
-        return [Fact(row) for row in csv.DictReader(file)]
+    return [Fact(row) for row in csv_rows(FACTS)]
 
 
 @pytest.fixture(scope="module")

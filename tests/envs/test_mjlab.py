@@ -1,6 +1,5 @@
 """Tasks of mjlab: their rewards, their last observations, and runs in them."""
 
-import csv
 import io
 import json
 from dataclasses import replace
@@ -16,6 +15,7 @@ import pytest
 import torch
 from calm import calm
 from peers import check_run
+from same import csv_rows
 from tiny import tiny
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -238,7 +238,7 @@ def test_a_front_is_compared_with_mjlab_s_own_training(go1_run, tmp_path, capsys
     few = {"tradeoffs": 4, "episodes": 2, "device": "cpu", "figure": tmp_path / "front.png"}
     mjlab_front.main((go1_run,), (peer,), **few, output=rows)
     assert "mjlab: lazy: dominated by" in capsys.readouterr().out
-    best, cheapest, lazy = csv.DictReader(rows.read_text().splitlines())
+    best, cheapest, lazy = csv_rows(rows)
     assert (best["policy"], cheapest["policy"]) == ("best tracking", "least power")
     assert best["non-dominated"] == cheapest["non-dominated"] in ("1", "2", "3", "4")
     assert lazy["policy"] == lazy["non-dominated"] == ""

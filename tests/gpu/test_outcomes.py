@@ -1,6 +1,5 @@
 """Options of the tests themselves, the record of their runs on a GPU, and the known faults."""
 
-import csv
 import sys
 from collections.abc import Callable
 from datetime import date
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import faults
 import pytest
+from same import csv_rows
 
 RECORD = Path(__file__).parents[1] / "gpu_runs.csv"
 TESTS = """
@@ -54,7 +54,7 @@ def test_another_number_of_skipped_tests_is_a_failure(run):
 
 
 def test_the_last_run_on_a_gpu_had_no_failure():
-    recorded = list(csv.DictReader(RECORD.read_text().splitlines()))
+    recorded = csv_rows(RECORD)
     assert all(date.fromisoformat(row["date"]) for row in recorded)
     assert recorded, "run the GPU tests with --record-gpu tests/gpu_runs.csv, see CONTRIBUTING.md"
     newest = recorded[-1]

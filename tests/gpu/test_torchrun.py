@@ -1,6 +1,5 @@
 """`torchrun` starts one training in several processes."""
 
-import csv
 import os
 import shutil
 import signal
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from same import assert_same
+from same import assert_same, csv_rows
 
 from morlax_torch.commands import train
 from morlax_torch.runs import checkpoint
@@ -131,8 +130,8 @@ def test_a_run_goes_on_exactly_after_a_process_was_killed(whole, tmp_path):
     assert_same(state(whole).learner, state(run).learner)
     assert state(whole).progress.env_steps == STEPS and state(whole).progress.processes == 2
     columns = [
-        [(row["env_steps"], row["hypervolume"]) for row in csv.DictReader(table.splitlines())]
-        for table in ((folder / "metrics.csv").read_text() for folder in (whole, run))
+        [(row["env_steps"], row["hypervolume"]) for row in csv_rows(folder / "metrics.csv")]
+        for folder in (whole, run)
     ]
     assert columns[0] == columns[1]
     assert [int(steps) for steps, _ in columns[0]] == list(range(0, STEPS + 1, 1600))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tiny import tiny
 
-from morlax_torch import MorlaxError, envs, load, save
+from morlax_torch import MorlaxError, envs, load
 from morlax_torch.__main__ import command
 from morlax_torch.configuration.config import Config
 from morlax_torch.runs import Run, checkpoint
@@ -23,17 +23,11 @@ class Robot(envs.get("hopper")):
 
 
 @pytest.fixture
-def hostile(tmp_path: Path, make_policy) -> Path:
+def hostile(tmp_path: Path, make_run) -> Path:
     """A run whose task is a Python file that leaves a trace when it runs."""
     robot = tmp_path / "robot.py"
     robot.write_text(PAYLOAD.format(str(tmp_path / "sprung")))
-    policy = make_policy("hopper", network={"actor": [8]})
-    # as an attacker would, without running the code
-    object.__setattr__(policy.config, "env", f"{robot}:Robot")
-    run = tmp_path / "run"
-    (run / "checkpoints").mkdir(parents=True)
-    for name in ("best", "latest"):
-        save(policy, run / "checkpoints" / f"{name}.pt")
+    run = make_run(tmp_path / "run", "hopper", "best", "latest", env=f"{robot}:Robot")
     (run / "config.yaml").write_text(f"env: {robot}:Robot\n")
     return run
 

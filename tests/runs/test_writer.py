@@ -1,6 +1,5 @@
 """Files are written beside training, and nothing that was evaluated is lost."""
 
-import csv
 import os
 import threading
 import time
@@ -11,6 +10,7 @@ from typing import Any, cast
 
 import pytest
 import torch
+from same import csv_rows
 from tiny import learner, tiny
 
 from morlax_torch import MorlaxError
@@ -69,7 +69,7 @@ class Trial:
 
 def rows(run: Run) -> list[dict[str, str]]:
     file = run.folder / "metrics.csv"
-    return list(csv.DictReader(file.read_text().splitlines())) if file.exists() else []
+    return csv_rows(file) if file.exists() else []
 
 
 @pytest.fixture

@@ -8,13 +8,10 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from functools import partial
 
 import pytest
 from browsing import PATIENCE, Client, addressed, exploring, started
 from tiny import TYPED
-
-from morlax_torch import save
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +132,7 @@ def test_only_what_the_page_offers_is_accepted(address):
     for value, expected in ((0, 0.05), (-1e300, 0.05), (5e-324, 0.05), (1e300, 1)):
         client.send("pace", value=0.5)
         client.send("pace", value=value)
-        other.until(partial(has, other, "pace", expected), "the pace is not clamped")
+        other.until(lambda e=expected: other.state["pace"] == e, "the pace is not clamped")
     for value, expected in ((1e9, high), (-7, low)):
         client.send("tell", index=FORWARD, value=value)
         other.until(lambda e=expected: other.state["command"][FORWARD] == e, "not clamped")
@@ -148,10 +145,6 @@ def test_only_what_the_page_offers_is_accepted(address):
     other.until(lambda: other.state["command"][FORWARD] == high, "not clamped")
     client.close()
     other.close()
-
-
-def has(client: Client, name: str, value: float) -> bool:
-    return client.state[name] == value
 
 
 def test_a_tab_that_does_not_read_holds_nobody_up(address):
@@ -233,13 +226,10 @@ class Robot(envs.get("hopper")):
 
 
 @pytest.mark.slow
-def test_an_error_in_the_robot_s_code_pauses_it(workplace, make_policy, make_run):
+def test_an_error_in_the_robot_s_code_pauses_it(workplace, make_run):
     damaged = make_run(workplace / "runs/hopper/b", "hopper", "best") / "checkpoints/best.pt"
     (workplace / "robot.py").write_text(FRAGILE)
-    policy = make_policy("hopper", network={"actor": [8]})
-    object.__setattr__(policy.config, "env", f"{workplace}/robot.py:Robot")
-    (workplace / "run/checkpoints").mkdir(parents=True)
-    save(policy, workplace / "run/checkpoints/best.pt")
+    make_run(workplace / "run", "hopper", "best", env=f"{workplace}/robot.py:Robot")
     with exploring("run", "--trust") as (address, process):
         client = Client(address)
         (workplace / "broken").touch()
