@@ -12,6 +12,8 @@ from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.sections import NetworkConfig
 from morlax_torch.networks.agent import Agent, Sizes
+from morlax_torch.runs.progress import Progress
+from morlax_torch.runs.training import Schedule
 
 TYPED = (  # on the command line
     *("--device", "cpu", "--worlds", "32", "--horizon", "5", "--sampling.clusters", "4"),
@@ -57,6 +59,13 @@ def varied(**changes: Any) -> Policy:
     for parameter in agent.parameters():  # they start equal for all trade-offs
         nn.init.normal_(parameter)
     return Policy(agent, config, ("run", "jump"))
+
+
+def iterate(learner: Any, iterations: int) -> None:
+    """Run iterations as the training loop does."""
+    schedule = Schedule(learner, Progress())
+    for _ in range(iterations):
+        learner.iterate(schedule.done(0.0))
 
 
 @contextmanager

@@ -9,8 +9,8 @@ import pytest
 import torch
 from closed_form import STEPS, Quadratic, Sprint, best_returns
 from same import assert_same
+from tiny import iterate, tiny
 from tiny import learner as learner_of
-from tiny import tiny
 from torch.testing import assert_close
 
 from morlax_torch import MorlaxError, config_for, load, save
@@ -25,8 +25,7 @@ from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.family import Independent
 from morlax_torch.runs.loading import evaluate
-from morlax_torch.runs.progress import Progress
-from morlax_torch.runs.training import Schedule, make_evaluator
+from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
 TASK = f"{Path(__file__).parents[1] / 'closed_form.py'}:{Quadratic.__name__}"
@@ -69,12 +68,6 @@ def trained(config: Config, iterations: int) -> Any:
         learner.compile()
     iterate(learner, iterations)
     return learner
-
-
-def iterate(learner: Any, iterations: int) -> None:
-    schedule = Schedule(learner, Progress())
-    for _ in range(iterations):
-        learner.iterate(schedule.done(0.0))
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 import torch
 from browsing import PATIENCE, View, chromium, exploring
-from same import csv_rows
+from same import assert_same, csv_rows
+from tiny import learner as learner_of
 from tiny import scaled
 
 import morlax_torch
-from morlax_torch import MORLAX, MorlaxError, envs
+from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import design as searching
 from morlax_torch.commands import record
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
@@ -205,7 +206,7 @@ def test_noisy_starts_are_those_of_the_own_body():
 def test_policies_of_another_body_are_those_of_its_condition(kind):
     algorithm = {"algorithm": "amor"} if kind == "conditioned" else {"network.type": kind}
     config = small(**algorithm)
-    learner = MORLAX(config.make_worlds(16, 0), config)
+    learner = learner_of(config)
     policy = morlax_torch.Policy(learner.agent, config, learner.env.objectives)
     seen = torch.randn(3, learner.env.observation_size)
     design = {"thigh": 0.45, "calf": 0.22}
@@ -223,8 +224,7 @@ def test_policies_of_another_body_are_those_of_its_condition(kind):
 
 
 def test_clusters_keep_a_body_for_an_episode_and_then_change():
-    config = small(**{"task.episode_length": 20})
-    learner = MORLAX(config.make_worlds(16, 0), config)
+    learner = learner_of(small(**{"task.episode_length": 20}))
     rows, ages = [], []
     for _ in range(12):
         learner.explore()
@@ -242,8 +242,7 @@ def test_clusters_keep_a_body_for_an_episode_and_then_change():
 
 
 def test_the_conditions_of_a_cluster_are_its_tradeoff_and_its_body():
-    config = small()
-    learner = MORLAX(config.make_worlds(16, 0), config)
+    learner = learner_of(small())
     learner.explore()
     space = DesignSpace(learner.env.designs)
     for cluster, condition in enumerate(learner.conditions):
@@ -261,19 +260,16 @@ def test_a_family_without_designs_trains_as_the_usual_robot_bit_for_bit():
     for task in ("hopper", "design/hopper"):
         same = {"sampling.designs": 0, "sampling.cells": False}
         config = morlax_torch.config_for(task, **changes, **same)
-        learner = MORLAX(config.make_worlds(16, 0), config)
+        learner = learner_of(config)
         for _ in range(3):
             learner.iterate()
         states.append(learner.agent.state_dict())
-    assert states[0].keys() == states[1].keys()
-    for name, value in states[0].items():
-        assert torch.equal(value, states[1][name]), name
+    assert_same(*map(dict, states))
 
 
 def test_evaluations_of_many_bodies_are_those_of_each_alone():
     config = small(**{"task.design": {"calf": 0.25}})
-    learner = MORLAX(config.make_worlds(16, 0), config)
-    learner.iterate()
+    learner = learner_of(config, 1)
     agent, m = learner.agent, 2
     together = make_evaluator(agent, config, m, bodies=3).evaluate().parts(3)
     own = make_evaluator(agent, config, m).evaluate()
@@ -319,8 +315,7 @@ def test_every_body_starts_with_the_policies_of_a_run_with_one(tmp_path):
 def test_what_cannot_have_designs_says_so(changes, sentence):
     task = changes.pop("env", "design/hopper")
     with pytest.raises(MorlaxError, match=sentence):
-        config = small(task, **changes)
-        MORLAX(config.make_worlds(16, 0), config)
+        learner_of(small(task, **changes))
 
 
 @pytest.fixture(scope="module")

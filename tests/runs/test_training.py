@@ -14,6 +14,7 @@ import tiny as small
 import torch
 from same import assert_same
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tiny import iterate
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.commands import train as train_command
@@ -23,9 +24,8 @@ from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.progress import Evaluation, Progress, kept_fronts, read_rows
+from morlax_torch.runs.progress import Evaluation, kept_fronts, read_rows
 from morlax_torch.runs.run import Run, is_training, milestone
-from morlax_torch.runs.training import Schedule
 from morlax_torch.train import train
 
 
@@ -39,13 +39,6 @@ def trainer(config: Config, iterations: int) -> MORLAX:
     morlax = small.learner(config)
     iterate(morlax, iterations)
     return morlax
-
-
-def iterate(morlax: MORLAX, iterations: int) -> None:
-    """Run iterations as the training loop does."""
-    schedule = Schedule(morlax, Progress())
-    for _ in range(iterations):
-        morlax.iterate(schedule.done(0.0))
 
 
 def metrics(run: Run) -> list[dict[str, str]]:

@@ -362,6 +362,13 @@ def test_a_picture_and_a_clip_are_saved_with_the_names_of_the_robots(visit, tmp_
     view.press("remove")
 
 
+def name_bookmark(view: View, button: str, name: str) -> None:
+    view.press(button)
+    view.tab.fill("#bookmark-name", name)
+    view.press("save")
+    view.tab.get_by_role("button", name=f"@{name}").wait_for()
+
+
 @pytest.mark.slow
 def test_a_bookmark_is_kept_with_the_run(visit, served):
     view = visit()
@@ -381,25 +388,16 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
     assert view.tab.locator("#front .pin-name").all_text_contents() == ["@calm"]
 
     # renamed and deleted in place
-    view.press("Rename calm")
-    view.tab.fill("#bookmark-name", "slow")
-    view.press("save")
-    view.tab.get_by_role("button", name="@slow").wait_for()
+    name_bookmark(view, "Rename calm", "slow")
     assert file.read_text() == "slow: [0.4, 0.6]\n"
     view.press("Delete slow")
     view.until(lambda: view.tab.locator("#bookmarks button").count() == 0, "it is not deleted")
-    view.press("keep")
-    view.tab.fill("#bookmark-name", "calm")
-    view.press("save")
-    view.tab.get_by_role("button", name="@calm").wait_for()
+    name_bookmark(view, "keep", "calm")
 
     # a talk: the robot alone, bookmarks as stops
     view.tab.fill("#typed", "1, 0")
     view.until(lambda: view.value("run") == 1, "typing has no effect")
-    view.press("keep")
-    view.tab.fill("#bookmark-name", "fast")
-    view.press("save")
-    view.tab.get_by_role("button", name="@fast").wait_for()
+    name_bookmark(view, "keep", "fast")
     view.tab.click("#talk")
     caption = "calm\nrun 40 %, jump 60 %"
     view.until(lambda: view.text("caption") == caption, "the talk does not begin")

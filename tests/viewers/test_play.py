@@ -45,17 +45,19 @@ XML = CART.format(ARM.format("left", 0.25) + ARM.format("right", -0.25))
 TERMS = {"base_ang_vel": 3, "joint_pos_rel": 2, "last_action": 2, "velocity_commands": 3}
 
 
-def onnx_file() -> bytes:
-    """Return a policy whose action is its trade-off."""
+def onnx_file(size: int, actions: int, family: bool = False) -> bytes:
+    """Return a policy whose action is zero, or that of a `family` its trade-off."""
     make, kind = onnx.helper, onnx.TensorProto.FLOAT
-    shapes = {"observation": ["batch", 12], "tradeoff": [2], "action": ["batch", 2]}
+    shapes = {"observation": ["batch", size], "tradeoff": [2], "action": ["batch", actions]}
     values = {k: make.make_tensor_value_info(k, kind, shape) for k, shape in shapes.items()}
-    zeros = make.make_tensor("zeros", kind, [12, 2], [0.0] * 24)
+    zeros = make.make_tensor("zeros", kind, [size, actions], [0.0] * size * actions)
     nodes = [
-        make.make_node("MatMul", ["observation", "zeros"], ["nothing"]),
-        make.make_node("Add", ["nothing", "tradeoff"], ["action"]),
+        make.make_node("MatMul", ["observation", "zeros"], ["nothing" if family else "action"])
     ]
-    inputs = [values["observation"], values["tradeoff"]]
+    inputs = [values["observation"]]
+    if family:
+        nodes.append(make.make_node("Add", ["nothing", "tradeoff"], ["action"]))
+        inputs.append(values["tradeoff"])
     graph = make.make_graph(nodes, "toy", inputs, [values["action"]], [zeros])
     opset = [make.make_opsetid("", 17)]
     return make.make_model(graph, opset_imports=opset, ir_version=8).SerializeToString()
@@ -94,7 +96,7 @@ def write(folder: Path, content: dict, xml: str = XML) -> Path:
     with zipfile.ZipFile(archive, "w") as files:
         files.writestr("robot.xml", xml)
     robot = SimpleNamespace(deployment=lambda: Deployment(content, archive.getvalue()))
-    (folder / "family.onnx").write_bytes(onnx_file())
+    (folder / "family.onnx").write_bytes(onnx_file(12, 2, family=True))
     deploy(robot, folder / "family.onnx", "cart", ["fast", "calm"], slew=0.5)
     return folder
 

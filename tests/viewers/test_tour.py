@@ -6,6 +6,7 @@ from itertools import islice
 import mujoco
 import numpy as np
 import pytest
+from test_play import onnx_file  # skips these tests, too, where there is no ONNX
 
 from morlax_torch import envs
 from morlax_torch.commands import play
@@ -13,9 +14,6 @@ from morlax_torch.exports.deployment import deploy
 from morlax_torch.viewers.playing.episodes import Policy
 from morlax_torch.viewers.playing.robot import Export, open_export
 from morlax_torch.viewers.playing.tour import WALK, Walker, command, costs, plan, tour
-
-onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
-pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 
 def test_waypoints_and_punches_have_their_distributions():
@@ -68,16 +66,8 @@ def export(tmp_path_factory) -> Export:
     pytest.importorskip("mjlab", reason="needs the extra mjlab")
     folder, task = tmp_path_factory.mktemp("tour"), "mjlab:Mjlab-Tour-Flat-Unitree-G1"
     robot = envs.make_robot(task)
-    make, kind = onnx.helper, onnx.TensorProto.FLOAT
     size = sum(part.size for part in robot.layout())
-    shapes = {"observation": [1, size], "action": [1, 15]}
-    values = [[make.make_tensor_value_info(name, kind, shape)] for name, shape in shapes.items()]
-    zeros = make.make_tensor("zeros", kind, [size, 15], [0.0] * size * 15)
-    node = make.make_node("MatMul", ["observation", "zeros"], ["action"])
-    graph = make.make_graph([node], "still", *values, [zeros])
-    opset = [make.make_opsetid("", 17)]
-    model = make.make_model(graph, opset_imports=opset, ir_version=8)
-    (folder / "policy.onnx").write_bytes(model.SerializeToString())
+    (folder / "policy.onnx").write_bytes(onnx_file(size, 15))
     deploy(robot, folder / "policy.onnx", task, ["survival", "energy"], [0.5, 0.5])
     return open_export(folder)
 
