@@ -3,6 +3,7 @@
 import csv
 import os
 import subprocess
+from collections import Counter
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -49,13 +50,9 @@ def counts(config: pytest.Config) -> dict[str, int]:
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     if reporter is None or hasattr(config, "workerinput"):
         return {}
-    number = {kind: len(reports) for kind, reports in reporter.stats.items()}
-    failed = number.get("failed", 0) + number.get("error", 0)
-    return {
-        "passed": number.get("passed", 0),
-        "failed": failed,
-        "skipped": number.get("skipped", 0),
-    }
+    number = Counter({kind: len(reports) for kind, reports in reporter.stats.items()})
+    failed = number["failed"] + number["error"]
+    return {"passed": number["passed"], "failed": failed, "skipped": number["skipped"]}
 
 
 def commit() -> str:

@@ -60,6 +60,13 @@ def learn(runner: Any, iterations: int, **options: Any) -> Any:
     return runner
 
 
+def anywhere() -> Any:
+    """Return what points at random places observe."""
+    obs = Points().get_observations()
+    obs["actor"].normal_()
+    return obs
+
+
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> tuple[Any, Path]:
     """A runner after 60 iterations, and the folder of its checkpoints."""
@@ -123,8 +130,7 @@ def test_a_specialized_checkpoint_is_that_of_unmodified_ppo(trained, tmp_path):
     specialize(folder / "model_59.pt", (4, 1), file)
     plain = make(kind="PPO", folder=str(tmp_path))
     plain.load(str(file))
-    obs = Points().get_observations()
-    obs["actor"].normal_()
+    obs = anywhere()
     with torch.no_grad():
         runner.alg.eval_mode()
         actions, values = (
@@ -139,8 +145,7 @@ def test_a_specialized_checkpoint_is_that_of_unmodified_ppo(trained, tmp_path):
 
 def test_a_warmup_learns_the_focus_alone():
     torch.manual_seed(2)
-    runner, obs = make(focus=(3.0, 1.0), warmup=3), Points().get_observations()
-    obs["actor"].normal_()
+    runner, obs = make(focus=(3.0, 1.0), warmup=3), anywhere()
     tradeoffs, actor = torch.eye(2), runner.alg.actor
 
     def outputs() -> torch.Tensor:
@@ -211,8 +216,7 @@ def test_a_checkpoint_is_a_run(trained):
     runner, folder = trained
     policy = morlax_torch.load(folder, trust=True)  # the newest checkpoint
     assert policy.objectives == ("tracking", "saving")
-    obs = Points().get_observations()
-    obs["actor"].normal_()
+    obs = anywhere()
     runner.alg.eval_mode()
     for tradeoff in ((1.0, 0.0), (0.3, 0.7)):
         with torch.no_grad():

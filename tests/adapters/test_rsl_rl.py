@@ -1,24 +1,17 @@
 """rsl_rl's runner trains in the package's worlds."""
 
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-pytestmark = pytest.mark.usefixtures("single_thread")
+pytestmark = [
+    pytest.mark.usefixtures("single_thread"),
+    pytest.mark.skipif(find_spec("rsl_rl") is None, reason="rsl_rl is not installed"),
+]
 TRADEOFF = (0.7, 0.3)
-
-
-@pytest.fixture(autouse=True)
-def installed() -> None:
-    pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
-
-
-def make_runner(env: Any, settings: dict, **options: Any) -> Any:
-    from rsl_rl.runners import OnPolicyRunner  # imports for seconds
-
-    return OnPolicyRunner(env, settings, device="cpu", **options)
 
 
 def worlds(task: str = "walker", num_envs: int = 4, tradeoff=TRADEOFF, **options) -> Any:
@@ -42,9 +35,10 @@ def settings(**groups: list[str]) -> dict:
 
 @pytest.mark.slow
 def test_rsl_rl_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
+    from rsl_rl.runners import OnPolicyRunner  # imports for seconds
+
     env = worlds("hopper", 64, (1.0, 0.0), episode_length=100)
-    runner = make_runner(env, settings(), log_dir=str(tmp_path))
-    runner.learn(14)
+    OnPolicyRunner(env, settings(), str(tmp_path), "cpu").learn(14)
     logged = EventAccumulator(str(tmp_path)).Reload()
     run, jump, reward = (
         [event.value for event in logged.Scalars(tag)]
@@ -53,11 +47,6 @@ def test_rsl_rl_ppo_learns_to_run_and_logs_each_objective(tmp_path, capsys):
     assert run[-1] > 2 * run[0] and len(jump) == len(run)
     assert reward[0] == pytest.approx(run[0], rel=1e-2)  # rsl_rl's own sum of rewards
     assert "Return/jump" in capsys.readouterr().out
-
-    policy = runner.get_inference_policy("cpu")
-    with torch.no_grad():
-        paid = sum(env.step(policy(env.get_observations()))[1] for _ in range(100))
-    assert paid.mean() > 2 * run[0]
 
 
 def test_episodes_can_start_at_any_step_and_log_writers_get_the_arguments():

@@ -7,15 +7,12 @@ from typing import Any
 
 import programs
 import pytest
+from tiny import TYPED
 
 from morlax_torch.__main__ import COMMANDS
 
 HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "websockets", "tensorboard", "onnx"}
-TINY = (
-    *("--env", "cheetah", "--device", "cpu", "--worlds", "8", "--horizon", "2"),
-    *("--sampling.clusters", "2", "--ppo.minibatches", "2", "--evaluation.tradeoffs", "2"),
-    *("--task.episode-length", "4", "--max-env-steps", "16", "--output", "run"),
-)
+TINY = ("--env", "cheetah", *TYPED, "--output", "run")
 
 
 def python(folder: Path, *words: str, first: Path | None = None, **variables: str) -> Any:

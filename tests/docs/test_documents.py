@@ -253,12 +253,17 @@ def words(line: str) -> list[str]:
     return arguments if name == "morlax" else [name, *arguments]
 
 
+def without(arguments: list[str], *options: str) -> list[str]:
+    for option in options:
+        if option in arguments:
+            place = arguments.index(option)
+            arguments = arguments[:place] + arguments[place + 2 :]
+    return arguments
+
+
 def on_the_cpu(arguments: list[str]) -> list[str]:
-    """Return the arguments without the device, since tests may have no GPU."""
-    if "--device" in arguments:
-        place = arguments.index("--device")
-        arguments = arguments[:place] + arguments[place + 2 :]
-    return [*arguments, "--device", "cpu"]
+    """Return the arguments with another device, since tests may have no GPU."""
+    return [*without(arguments, "--device"), "--device", "cpu"]
 
 
 @pytest.mark.parametrize("line", RUNNABLE)
@@ -282,11 +287,8 @@ def test_a_printed_command_is_valid(line, workplace, request):
 @pytest.mark.parametrize("line", [case for case in RUNNABLE if words(case.values[0])[0] == "train"])
 def test_a_printed_training_runs(line, workplace):
     name, *arguments = words(line)
-    for option in ("--max-seconds", "--output"):
-        if option in arguments:
-            place = arguments.index(option)
-            arguments = arguments[:place] + arguments[place + 2 :]
-    command([name, *on_the_cpu(arguments), *SHORT])
+    arguments = without(on_the_cpu(arguments), "--max-seconds", "--output")
+    command([name, *arguments, *SHORT])
     assert (workplace / "short" / "front.npz").is_file()
 
 

@@ -6,8 +6,8 @@ from torch import Tensor
 
 from morlax_torch import envs
 
-MARKOVIAN = [name for name in envs.names() if name != "bruce"]  # bruce observes a history of states
-TASKS = {name: {} for name in MARKOVIAN} | {"humanoid with hands": {"extremities": True}}
+TASKS = {name: {} for name in envs.names() if name != "bruce"}  # which observes a history
+TASKS["humanoid with hands"] = {"extremities": True}
 SENSORS = {
     "head": {"position.head.z"},
     "torso_x": {"torso.x.z"},

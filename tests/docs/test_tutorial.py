@@ -18,12 +18,6 @@ WRITE = "%%writefile "
 INSTALL = "%pip install --quiet 'morlax-torch["
 
 
-def run_command(line: str) -> None:
-    program, *arguments = shlex.split(line)
-    assert program == "morlax"
-    command(arguments)
-
-
 def run_cells(cells: list[str]) -> dict:
     """Run cells of code as Jupyter would, and return their variables."""
     names: dict = {}
@@ -36,7 +30,9 @@ def run_cells(cells: list[str]) -> dict:
         elif first.startswith("!"):
             for line in cell.splitlines():
                 if not line[1:].startswith(ENDLESS):
-                    run_command(line[1:])
+                    program, *arguments = shlex.split(line[1:])
+                    assert program == "morlax"
+                    command(arguments)
         else:
             exec(cell, names)
     return names

@@ -13,8 +13,6 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import explore, export
 from morlax_torch.runs.training import make_evaluator
 
-SOURCE = Path(__file__)
-
 
 class Points(OneStep):
     """Points on a line, of a simulator of their own: go right, or stand still."""
@@ -59,11 +57,10 @@ class Points(OneStep):
         return torch.stack([self.x, self.age / self.episode_length], -1)
 
 
-POINTS = f"{SOURCE}:Points"
-DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
+POINTS = f"{Path(__file__)}:Points"
 
 
-@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 def test_they_are_explored_and_evaluated_eagerly(device):
     made = learner(tiny(POINTS, backend=None, device=device))
     evaluator = make_evaluator(made)

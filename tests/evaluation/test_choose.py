@@ -216,10 +216,6 @@ def test_a_name_needs_no_unit_where_it_is_clear():
         index_of("runn", *names)
 
 
-def require(quantities, at_least, maximize, at_most) -> Requirements:
-    return Requirements.of(("run", "save"), quantities, at_least, maximize, at_most)
-
-
 @pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(("limit", "least"), [(25.0, 49.0), (81.0, 83.2)])
 def test_the_search_meets_a_limit_beside_policies_without_numbers(measured, limit, least, broken):
@@ -230,7 +226,8 @@ def test_the_search_meets_a_limit_beside_policies_without_numbers(measured, limi
         power = returns[:, :1] ** 2 / 100
         return np.hstack([returns, np.where(abs(power - 81) < 5, broken, power)])
 
-    required = require(("power (W)",), {}, "run", {"power": limit})
+    names = ("run", "save"), ("power (W)",)
+    required = Requirements.of(*names, {}, "run", {"power": limit})
     candidates = Candidates(measured.tradeoffs, measured.values[:, :3], False, required)
     for _ in range(8):
         proposed, promised, chance = candidates.propose(8)

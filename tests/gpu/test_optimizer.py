@@ -8,10 +8,8 @@ import torch
 from morlax_torch.gpu.optimizer import ClippedAdam
 from morlax_torch.networks.mlp import mlp
 
-DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
 
-
-@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize("limit", [0.05, 1e6])
 def test_clipped_adam_equals_torch_s_clipping_and_adam(device, limit):
     network = mlp(5, (70, 70), 3).to(device)

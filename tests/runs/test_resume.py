@@ -80,13 +80,11 @@ def test_a_resumed_run_ends_like_an_uninterrupted_one(tmp_path):
     ]
 
 
-NOISY = {"task.reset_noise": 0.05, "task.randomization.friction": (0.5, 1.5)}
-
-
 def test_every_training_seed_is_evaluated_in_the_same_worlds_that_training_never_sees():
+    noisy = {"task.reset_noise": 0.05, "task.randomization.friction": (0.5, 1.5)}
     found = []
     for seed in (0, 1):
-        learner = trainer(tiny("cheetah", worlds=16, seed=seed, **NOISY), 0)
+        learner = trainer(tiny("cheetah", worlds=16, seed=seed, **noisy), 0)
         env = make_evaluator(learner).env
         env.reset()
         found.append((env.physics.qpos.clone(), env.state_dict()["model.geom_friction"]))

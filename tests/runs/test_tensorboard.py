@@ -174,10 +174,7 @@ def test_metrics_are_means_over_the_episodes_that_ended():
     assert made.metrics()["episode_length"] == 5
 
 
-DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)]
-
-
-@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize("networks", (1, 2))
 def test_gradient_norms_are_summed_before_clipping(device, networks):
     parameter = torch.nn.Parameter(torch.zeros(2, 2, device=device))

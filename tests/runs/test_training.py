@@ -100,7 +100,7 @@ def test_the_desired_kl_decays_instead_of_a_rate_that_adapts_to_it():
     assert actor / 5e-4 == pytest.approx(1.5 ** round(math.log(actor / 5e-4, 1.5)))
 
 
-def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
+def test_a_run_folder_holds_metrics_front_and_checkpoints(tmp_path):
     run = train(tiny(), output=tmp_path / "run")
     rows = metrics(run)
     assert [row["env_steps"] for row in rows] == ["0", "160", "320"]
@@ -113,10 +113,6 @@ def test_a_run_folder_holds_metrics_front_checkpoints_and_events(tmp_path):
     assert front.objectives == ("run", "jump")
     assert front.hypervolume == pytest.approx(max(float(row["hypervolume"]) for row in rows))
     assert {path.name for path in run.checkpoints.iterdir()} >= {"latest.pt", "best.pt"}
-    events = EventAccumulator(str(run.folder)).Reload()
-    assert {"views/front", "views/returns"} == set(events.Tags()["images"])
-    steps = [event.step for event in events.Scalars("front/hypervolume")]
-    assert steps == [0, 160, 320]
     assert run.config() == tiny()
 
 

@@ -107,12 +107,9 @@ def test_every_field_that_can_name_a_file_needs_trust():
     assert set(NAMES_CODE) == {name for name, text in described.items() if "FILE.py" in text}
 
 
-@pytest.mark.parametrize("allow", ["--trust", "--env"])
-def test_a_command_line_can_allow_it(hostile, allow, monkeypatch):
+def test_a_command_line_that_names_the_code_allows_it(hostile, monkeypatch):
+    """It runs the robot's code, and then finds that the run cannot be continued."""
     monkeypatch.chdir(hostile.parent)
-    if allow == "--trust":
-        command(["evaluate", "run", "--device", "cpu", "--trust", "--tradeoffs", "4"])
-    else:  # it runs the robot's code, and then finds that the run cannot be continued
-        with pytest.raises(MorlaxError, match="was edited since the run began"):
-            command(["train", "--resume", "run", "--device", "cpu", "--env", "robot.py:Robot"])
+    with pytest.raises(MorlaxError, match="was edited since the run began"):
+        command(["train", "--resume", "run", "--device", "cpu", "--env", "robot.py:Robot"])
     assert Path("sprung").exists()

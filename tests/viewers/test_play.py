@@ -51,9 +51,8 @@ def onnx_file(size: int, actions: int, family: bool = False) -> bytes:
     shapes = {"observation": ["batch", size], "tradeoff": [2], "action": ["batch", actions]}
     values = {k: make.make_tensor_value_info(k, kind, shape) for k, shape in shapes.items()}
     zeros = make.make_tensor("zeros", kind, [size, actions], [0.0] * size * actions)
-    nodes = [
-        make.make_node("MatMul", ["observation", "zeros"], ["nothing" if family else "action"])
-    ]
+    product = "nothing" if family else "action"
+    nodes = [make.make_node("MatMul", ["observation", "zeros"], [product])]
     inputs = [values["observation"]]
     if family:
         nodes.append(make.make_node("Add", ["nothing", "tradeoff"], ["action"]))
