@@ -20,6 +20,14 @@ TYPED = (  # on the command line
     *("--ppo.minibatches", "2", "--evaluation.tradeoffs", "6", "--task.episode-length", "10"),
     *("--max-env-steps", "320"),
 )
+FEW = {  # worlds and steps, for simulators that are slow
+    "worlds": 4,
+    "horizon": 2,
+    "max_env_steps": 8,
+    "sampling.clusters": 2,
+    "sampling.mode": "dense",
+    "ppo.minibatches": 2,
+}
 
 
 def tiny(env: str = "hopper", **changes: Any) -> Config:

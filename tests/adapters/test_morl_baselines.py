@@ -43,11 +43,11 @@ def test_the_discounted_protocol_gives_what_morl_baselines_measures_in_mo_gymnas
 
 
 @pytest.mark.slow
-def test_an_agent_trains_and_is_evaluated_under_float64_weights(tmp_path, monkeypatch):
+@pytest.mark.usefixtures("workplace")  # where agents save themselves
+def test_an_agent_trains_and_is_evaluated_under_float64_weights():
     evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
     from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPIPDContinuousAction
 
-    monkeypatch.chdir(tmp_path)  # agents save themselves in the working directory
     env = gymnasium.make(TASK, episode_length=20)
     small = {"net_arch": [8, 8], "batch_size": 8, "learning_starts": 20, "log": False}
     each = {"timesteps_per_iter": 15, "eval_freq": 15, "num_eval_episodes_for_front": 1}

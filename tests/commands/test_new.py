@@ -45,12 +45,11 @@ PARTS = {
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(workplace: Path) -> Path:
     """The working directory, with an arm and a walker whose actuator has no name."""
-    shutil.copy(ARM, tmp_path / "arm.xml")
-    (tmp_path / "my-walker.xml").write_text(WALKER.format(**PARTS))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    shutil.copy(ARM, workplace / "arm.xml")
+    (workplace / "my-walker.xml").write_text(WALKER.format(**PARTS))
+    return workplace
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ import torch
 from calm import calm
 from peers import check_run
 from same import csv_rows
-from tiny import tiny
+from tiny import FEW, tiny
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -182,9 +182,7 @@ def test_mistakes_are_one_sentence(name, options, message):
 
 @pytest.fixture(scope="module")
 def go1_run(tmp_path_factory) -> Path:
-    few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
-    few |= {"sampling.mode": "dense", "ppo.minibatches": 2, "network.symmetric": True}
-    config = tiny(GO1, backend=None, **few)
+    config = tiny(GO1, backend=None, **FEW, **{"network.symmetric": True})
     return train(config, output=tmp_path_factory.mktemp("go1") / "run").folder
 
 

@@ -66,13 +66,10 @@ def test_motors_are_named_after_the_joints_they_turn(robot):
     assert motors == [model.joint(i).name for i in model.actuator_trnid[:, 0]]
 
 
-def test_our_models_reproduce_every_reference_array_without_warnings(
-    robot, reference, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)  # MuJoCo logs its warnings here
+def test_our_models_reproduce_every_reference_array_without_warnings(robot, reference, workplace):
     arrays = generate.generated(robot, ASSETS, reference, mjx=False)
     assert set(reference) - set(arrays) == {"qpos_mjx_converged"}
     for name, array in arrays.items():
         if not name.startswith("model_") and name != "mujoco_version":
             assert generate.difference(array, reference[name]) < TOLERANCE, name
-    assert list(tmp_path.iterdir()) == []
+    assert list(workplace.iterdir()) == []  # where MuJoCo logs its warnings

@@ -32,11 +32,10 @@ def shown(name: str) -> str:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(workplace: Path) -> Path:
     for name in ("crawler.xml", "crawler.py"):
-        (tmp_path / name).write_text(shown(name))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+        (workplace / name).write_text(shown(name))
+    return workplace
 
 
 @pytest.fixture

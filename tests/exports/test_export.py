@@ -188,14 +188,13 @@ def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypa
 
 
 @pytest.fixture
-def saved(trained, tmp_path: Path, monkeypatch) -> Path:
+def saved(trained, workplace: Path) -> Path:
     """Save policy.pt and the metrics of its run in the working directory."""
-    monkeypatch.chdir(tmp_path)
-    save(trained(), tmp_path / "policy.pt")
-    (tmp_path / "metrics.csv").write_text(
+    save(trained(), workplace / "policy.pt")
+    (workplace / "metrics.csv").write_text(
         "iteration,env_steps,train_seconds,hypervolume,best\n0,0,0,5,1\n1,10,1,7.5,1\n2,20,2,6,0\n"
     )
-    return tmp_path
+    return workplace
 
 
 def test_the_default_output_is_beside_the_policy_and_describes_its_run(saved, capsys):

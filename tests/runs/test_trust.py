@@ -23,11 +23,11 @@ class Robot(envs.get("hopper")):
 
 
 @pytest.fixture
-def hostile(tmp_path: Path, make_run) -> Path:
+def hostile(workplace: Path, make_run) -> Path:
     """A run whose task is a Python file that leaves a trace when it runs."""
-    robot = tmp_path / "robot.py"
-    robot.write_text(PAYLOAD.format(str(tmp_path / "sprung")))
-    run = make_run(tmp_path / "run", "hopper", "best", "latest", env=f"{robot}:Robot")
+    robot = workplace / "robot.py"
+    robot.write_text(PAYLOAD.format(str(workplace / "sprung")))
+    run = make_run(workplace / "run", "hopper", "best", "latest", env=f"{robot}:Robot")
     (run / "config.yaml").write_text(f"env: {robot}:Robot\n")
     return run
 
@@ -43,8 +43,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_no_command_runs_code_that_only_a_file_names(hostile, name, monkeypatch):
-    monkeypatch.chdir(hostile.parent)
+def test_no_command_runs_code_that_only_a_file_names(hostile, name):
     with pytest.raises(MorlaxError, match=r"would run the code of .*robot.py:Robot.*--trust"):
         command([name, *COMMANDS[name]])
     assert not Path("sprung").exists()
@@ -65,9 +64,8 @@ def hostile_copy(hostile) -> Path:
 @pytest.mark.parametrize("original", ["edited", "missing"])
 @pytest.mark.filterwarnings("ignore:.*is not as it was:UserWarning")
 def test_no_command_runs_a_copy_in_a_run_because_its_original_is_trusted(
-    name, original, hostile_copy, monkeypatch
+    name, original, hostile_copy
 ):
-    monkeypatch.chdir(hostile_copy.parent)
     if original == "missing":
         Path("robot.py").unlink()
     with pytest.raises(MorlaxError, match=r"would run the code of .*task/robot.py:Robot.*--trust"):
@@ -107,9 +105,8 @@ def test_every_field_that_can_name_a_file_needs_trust():
     assert set(NAMES_CODE) == {name for name, text in described.items() if "FILE.py" in text}
 
 
-def test_a_command_line_that_names_the_code_allows_it(hostile, monkeypatch):
+def test_a_command_line_that_names_the_code_allows_it(hostile):
     """It runs the robot's code, and then finds that the run cannot be continued."""
-    monkeypatch.chdir(hostile.parent)
     with pytest.raises(MorlaxError, match="was edited since the run began"):
         command(["train", "--resume", "run", "--device", "cpu", "--env", "robot.py:Robot"])
     assert Path("sprung").exists()

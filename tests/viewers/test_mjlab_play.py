@@ -7,7 +7,7 @@ import pytest
 import torch
 import yaml
 from calm import calm
-from tiny import tiny
+from tiny import FEW, tiny
 
 from morlax_torch import load
 from morlax_torch.commands import export
@@ -55,9 +55,7 @@ def test_every_step_equals_one_of_mjlab(exported, name):
 def test_a_robot_without_the_base_s_velocity_remembers_as_in_training(tmp_path):
     lengths = {"joint_*": 3, "command": 2}
     given = {"task.sensors": "real", "task.history": lengths, "network.symmetric": True}
-    few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
-    few |= {"sampling.mode": "dense", "ppo.minibatches": 2}
-    config = tiny(GO1, backend=None, **few, **given)
+    config = tiny(GO1, backend=None, **FEW, **given)
     run = train(config, output=tmp_path / "run").folder
     export.command([str(run), "--output", str(tmp_path / "exported" / "family.onnx")])
     deployment, command = open_export(tmp_path / "exported"), np.array([0.6, 0.2, -0.3])

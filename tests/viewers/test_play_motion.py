@@ -10,7 +10,7 @@ import torch
 import yaml
 from motions import squat, write_squat
 from programs import played
-from tiny import tiny
+from tiny import FEW, tiny
 
 from morlax_torch import load as load_policy
 from morlax_torch.commands import export, play
@@ -36,9 +36,8 @@ def motion(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def exported(motion, tmp_path_factory) -> dict[str, Path]:
     """Return the folders of exports of runs that have hardly learned, by task."""
-    few = {"worlds": 4, "horizon": 2, "max_env_steps": 8, "sampling.clusters": 2}
-    few |= {"sampling.mode": "dense", "evaluation.tradeoffs": 8}
-    few |= {"task.motion_file": str(motion), "task.action_scale": 1.0}
+    few = {**FEW, "task.motion_file": str(motion), "task.action_scale": 1.0}
+    few["evaluation.tradeoffs"] = 8
     folder, folders = tmp_path_factory.mktemp("exported"), {}
     for task in (TASK, f"{TASK}-No-State-Estimation"):
         name = task.partition(":")[2]

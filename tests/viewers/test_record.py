@@ -25,11 +25,10 @@ GAP = 4  # pixels between panels
 
 
 @pytest.fixture
-def saved(make_policy, tmp_path: Path, monkeypatch) -> Path:
+def saved(make_policy, workplace: Path) -> Path:
     """Write policy.pt into a temporary working directory."""
-    monkeypatch.chdir(tmp_path)
-    save(make_policy(), tmp_path / "policy.pt")
-    return tmp_path
+    save(make_policy(), workplace / "policy.pt")
+    return workplace
 
 
 def decoded(path: Path) -> tuple[str, np.ndarray]:
