@@ -4,7 +4,8 @@ import os
 import sys
 
 import torch
-from points import OBJECTIVES, Points
+from points import Points
+from test_pareto_ppo import settings
 
 from morlax_torch.rsl_rl import ParetoPPO
 
@@ -14,19 +15,10 @@ def main(file: str) -> None:
     torch.distributed.init_process_group("gloo")
     torch.manual_seed(rank)
     env = Points(24)
-    network = {"hidden_dims": [8], "obs_normalization": True}
-    spread = {"class_name": "GaussianDistribution"}
-    options = {"objectives": OBJECTIVES, "tradeoffs": 4, "evaluation_worlds": 0, "warmup": 1}
-    settings = {
-        "num_steps_per_env": 4,
-        "obs_groups": {"actor": ["actor"], "critic": ["critic"]},
-        "actor": {**network, "distribution_cfg": spread},
-        "critic": network,
-        "algorithm": {"class_name": ParetoPPO, **options},
-        "multi_gpu": {"global_rank": rank, "local_rank": rank, "world_size": 2},
-    }
+    cfg = settings(tradeoffs=4, evaluation_worlds=0, warmup=1, class_name=ParetoPPO)
+    cfg |= {"multi_gpu": {"global_rank": rank, "local_rank": rank, "world_size": 2}}
     obs = env.get_observations()
-    learner = ParetoPPO.construct_algorithm(obs, env, settings, "cpu")
+    learner = ParetoPPO.construct_algorithm(obs, env, cfg | {"num_steps_per_env": 4}, "cpu")
     learner.broadcast_parameters()
     for _ in range(2):
         with torch.inference_mode():

@@ -22,7 +22,6 @@ def small(env: str = "crowd", **changes: int) -> Config:
     return tiny(env, **changes, **{"task.episode_length": 10})
 
 
-@pytest.mark.parametrize("backend", ["mujoco", "warp"])
 def test_a_nan_action_ends_one_episode_and_no_more(crowd, backend):
     env, clean = (envs.make("crowd", 2, "cpu", backend) for _ in range(2))
     for t in range(5):

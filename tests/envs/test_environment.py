@@ -17,14 +17,8 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.worlds import checks
 from morlax_torch.envs.worlds.episodes import Start, around
 
-BACKENDS = ("mujoco", "warp")
 BUILT_IN = [name for name in envs.names() if "/" not in name]
 SINGLE = 1e-5  # largest difference between single precision and C MuJoCo's forward pass
-
-
-@pytest.fixture(params=BACKENDS)
-def backend(request: pytest.FixtureRequest) -> str:
-    return request.param
 
 
 def make(task: str, backend: str, worlds: int = 3, **options) -> envs.Environment:
@@ -291,15 +285,12 @@ def test_tasks_move_mocap_bodies_and_name_other_parts_of_the_state(backend):
         env.physics.part("mocap")
 
 
-def test_state_that_no_reset_restores_is_refused(monkeypatch):
+def test_state_that_no_reset_restores_is_refused(monkeypatch, backend):
     sleepy = EVERYTHING.replace('timestep="0.01"/>', '><flag sleep="enable"/></option>')
     model = mujoco.MjModel.from_xml_string(sleepy)
     monkeypatch.setattr(Everything, "load_model", lambda: model)
-    for backend in BACKENDS:
-        with pytest.raises(
-            MorlaxError, match=r"Everything: its model lets bodies sleep, .* remove"
-        ):
-            everything(backend)
+    with pytest.raises(MorlaxError, match=r"Everything: its model lets bodies sleep, .* remove"):
+        everything(backend)
     plugins = SimpleNamespace(npluginstate=2)  # no plugin that comes with MuJoCo has a state
     with pytest.raises(MorlaxError, match=r"Everything: its model has plugins .* remove"):
         checks.model(Everything, plugins)

@@ -212,7 +212,6 @@ def test_the_command_line_accepts_a_custom_task_s_options(folder):
     assert len({envs.get(name) for name in names}) == 1
 
 
-@pytest.mark.parametrize("backend", ("mujoco", "warp"))
 def test_a_custom_robot_runs_on_both_simulators(folder, backend):
     env = envs.make("crawler.py:Crawler", 4, "cpu", backend)
     for _ in range(30):

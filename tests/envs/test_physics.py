@@ -13,15 +13,9 @@ from morlax_torch import envs
 from morlax_torch.envs.physics.warp import WarpPhysics
 
 REFERENCE = Path(__file__).parents[1] / "reference"
-BACKENDS = ("mujoco", "warp")
 BUILT_IN = [name for name in envs.names() if "/" not in name]
 ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")
 PLANAR = ("cheetah", "walker", "hopper")
-
-
-@pytest.fixture(params=BACKENDS)
-def backend(request: pytest.FixtureRequest) -> str:
-    return request.param
 
 
 def make(task: str, backend: str, worlds: int = 4, **options) -> envs.Environment:

@@ -38,7 +38,6 @@ def tasks() -> None:
     envs.register("sighted", Sighted)
 
 
-@pytest.mark.parametrize("backend", ("mujoco", "warp"))
 def test_a_step_appends_privileged_numbers_to_the_critic_s_observation(backend):
     blind, sighted = (
         envs.make(name, 8, "cpu", backend, episode_length=7) for name in ("blind", "sighted")

@@ -14,7 +14,6 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 from morlax_torch.envs.worlds.trees import base_of
 
-BACKENDS = ("mujoco", "warp")
 MODELS = {
     "friction": (0.3, 1.5),
     "mass": (0.7, 1.3),
@@ -28,11 +27,6 @@ MOMENTS = {
     "push_every": 4,
 }
 EXACT, SINGLE = 1e-12, 1e-5
-
-
-@pytest.fixture(params=BACKENDS)
-def backend(request: pytest.FixtureRequest) -> str:
-    return request.param
 
 
 def make(

@@ -13,7 +13,6 @@ from torch import Tensor
 from morlax_torch import MorlaxError, envs
 
 REFERENCE = Path(__file__).parents[1] / "reference"
-BACKENDS = ("mujoco", "warp")
 TOLERANCE = 1e-9
 
 
@@ -168,7 +167,6 @@ def test_the_cheetah_s_run_reward_saturates_at_four_meters_per_second():
     assert fast == 4.0
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("task", PUBLISHED)
 def test_a_task_exposes_objectives_and_limits_and_steps_obey_them(task, backend):
     env = make(task, backend, worlds=3)

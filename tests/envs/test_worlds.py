@@ -85,7 +85,6 @@ def test_their_run_is_evaluated_and_resumed_in_new_worlds(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", [POINTS, "cheetah", "bruce"])
-@pytest.mark.parametrize("backend", ["mujoco", "warp"])
 def test_a_step_keeps_no_graph_of_the_actions(name, backend):
     task = envs.get(name)
     kind = {"auto_reset": True, "deterministic": False}

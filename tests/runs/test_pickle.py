@@ -79,7 +79,6 @@ def test_a_spawned_process_uses_a_policy_and_a_config(tmp_path):
     assert Path(seeded.env.rpartition(":")[0]) == tmp_path / "leaping.py"
 
 
-@pytest.mark.parametrize("backend", ("mujoco", "warp"))
 @pytest.mark.parametrize("copied", (copy.copy, copy.deepcopy, pickle.dumps))
 def test_worlds_are_not_copied(copied, backend):
     env = envs.make("cheetah", 2, "cpu", backend)
