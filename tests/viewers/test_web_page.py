@@ -83,7 +83,7 @@ def folder(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("web")
     task = f"{web_robots.write(place / 'robots')}:Tumbler"
     envs.trust(task)
-    run = train(tiny(task), output=place / "run").folder
+    run = train(tiny(task, **{"task.episode_length": 500}), output=place / "run").folder
     write_page(["cheetah3", str(run)], place / "page")
     return place / "page"
 
