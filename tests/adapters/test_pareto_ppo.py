@@ -292,11 +292,6 @@ def test_a_function_reads_the_terms_of_any_other_host():
     assert parts.tolist() == [[1.0, -2.0], [3.0, -4.0]]
 
 
-def test_the_host_s_own_split_needs_no_word():
-    runner = learn(make(objectives=None), 1)
-    assert runner.alg.objectives == ["rewards", "costs"]
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

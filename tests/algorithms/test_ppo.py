@@ -1,6 +1,7 @@
 """PPO updates: advantages and targets, minibatches, losses and optimizer steps."""
 
 import copy
+from typing import Any
 
 import pytest
 import torch
@@ -39,10 +40,7 @@ def codes(part: Batch) -> Tensor:
     return code.long()
 
 
-Parts = list[tuple[Tensor, Batch]]
-
-
-def drawn(batch: Batch, tradeoffs: Tensor, number: int, epochs: int = 1) -> list[Parts]:
+def drawn(batch: Batch, tradeoffs: Tensor, number: int, epochs: int = 1) -> list[Any]:
     """Return the minibatches of several epochs."""
     generator = torch.Generator().manual_seed(0)
     table = Table(batch)

@@ -133,8 +133,6 @@ for _ in range(2):
 assert torch.isfinite(env.physics.qpos).all()
 print(len(ahead), len(modules() - ahead), times)
 """
-
-
 LONG = [pytest.mark.slow, pytest.mark.long]
 
 

@@ -38,7 +38,6 @@ from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
 from morlax_torch.viewers.filming.recording import Film
 
-PAGES = Path(__file__).parents[2] / "docs"
 TASKS = ("design/hopper", "design/cheetah", "design/ant")
 DRAWN = ("tex", "mat", "names", "bvh", "name_")  # beginnings of fields for pictures and names
 SMALL = {
@@ -381,7 +380,7 @@ def test_a_wrong_search_is_one_sentence(run, refused):
 
 
 def test_a_robot_of_ones_own_declares_designs_in_ten_lines(tmp_path):
-    page = (PAGES / "designs.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "designs.md").read_text()
     (block,) = re.findall(r"```python\n(# long_legs\.py.*?)```", page, re.S)
     (tmp_path / "long_legs.py").write_text(block)
     name = f"{tmp_path / 'long_legs.py'}:LongLegs"

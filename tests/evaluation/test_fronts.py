@@ -16,7 +16,6 @@ from tiny import tiny
 
 from morlax_torch import MORLAX, MorlaxError, load
 from morlax_torch.commands.evaluate import command as evaluate_command
-from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs
 from morlax_torch.evaluation.evaluator import Evaluator, evaluation_worlds
 from morlax_torch.evaluation.front import Front
@@ -97,13 +96,10 @@ def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, workplace
 NOISY = {"task.reset_noise": 0.1}
 
 
-def evaluator(config: Config) -> Evaluator:
-    return make_evaluator(learner_of(config))
-
-
 def test_a_random_task_has_other_episodes_to_choose_by():
-    assert len(evaluator(tiny()).evaluate_sets()) == 1  # all episodes are alike
-    reported, choosing = evaluator(tiny(**NOISY)).evaluate_sets()
+    certain, noisy = (make_evaluator(learner_of(tiny(**changes))) for changes in ({}, NOISY))
+    assert len(certain.evaluate_sets()) == 1  # all episodes are alike
+    reported, choosing = noisy.evaluate_sets()
     assert not np.isclose(reported.returns, choosing.returns).any()
 
 
@@ -152,13 +148,11 @@ def test_a_random_run_reports_what_evaluate_finds_again(tmp_path):
     assert not np.isclose(other.returns, returns(run.folder)).any()
 
 
-DISCOUNTED = {"evaluation.protocol": "discounted"}
-
-
 @pytest.fixture(scope="module")
 def trained_discounted(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "discounted"
-    return train(tiny(**WORSE, **DISCOUNTED), output=folder).folder
+    config = tiny(**WORSE, **{"evaluation.protocol": "discounted"})
+    return train(config, output=folder).folder
 
 
 @pytest.fixture

@@ -22,10 +22,6 @@ def inclusion_exclusion(points: np.ndarray, reference: np.ndarray) -> float:
     )
 
 
-def dominates(a: np.ndarray, b: np.ndarray) -> bool:
-    return bool((a >= b).all() and (a > b).any())
-
-
 def test_hypervolume_of_a_staircase():
     steps = [[1, 4], [2, 3], [4, 1]]  # columns of width 1, 1 and 2
     assert pareto.hypervolume(steps, [0, 0]) == pytest.approx(4 + 3 + 2)
@@ -75,7 +71,7 @@ def test_nan_points_are_dominated():
 def test_non_dominated_points_match_pairwise_comparison(m):
     points = np.random.default_rng(m).integers(0, 6, (60, m)).astype(float)
     expected = [
-        not any(dominates(other, point) for other in points)
+        not any((other >= point).all() and (other > point).any() for other in points)
         and not any((other == point).all() for other in points[:index])
         for index, point in enumerate(points)
     ]

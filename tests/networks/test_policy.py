@@ -34,11 +34,8 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MORLAX]:
     morlax = made()
     noise = torch.randn(100, morlax.env.observation_size, generator=torch.Generator())
     morlax.agent.observation_normalizer.update(1.0 + 2.0 * noise)
-    checkpoint.write(
-        folder / "checkpoints" / "latest.pt",
-        checkpoint.snapshot(morlax),
-        Progress(best_hypervolume=1.0),
-    )
+    path, progress = folder / "checkpoints" / "latest.pt", Progress(best_hypervolume=1.0)
+    checkpoint.write(path, checkpoint.snapshot(morlax), progress)
     return folder, morlax
 
 

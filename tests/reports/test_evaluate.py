@@ -37,8 +37,7 @@ THREE = "env: hopper\ntask:\n  objectives: {run: {run: 1}, jump: {jump: 9}, up: 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Path:
-    """Train a/hopper, b/hopper, discounted, noisy, three (objectives) and cheetah; tests get
-    copies."""
+    """Train runs of which tests get copies."""
     place = tmp_path_factory.mktemp("runs")
     (place / "three.yaml").write_text(THREE)
     for folder, arguments in {

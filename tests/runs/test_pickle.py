@@ -22,8 +22,6 @@ class Leaping(envs.get("hopper")):
     class Options(envs.get("hopper").Options):
         leap: float = 2.0
 """
-
-
 CASES = [("bruce", "morlax"), ("mo-gymnasium/hopper", "morlax")]
 CASES += [("cheetah", name) for name in LEARNERS]
 

@@ -220,8 +220,6 @@ class Killed(BaseException):
 
 
 VOLUMES = (2.0, 3.0, 1.0)  # hypervolume by iteration
-
-
 SLOW = [pytest.param(n, marks=pytest.mark.slow) for n in (4, *range(6, 17))]
 
 

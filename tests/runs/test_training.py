@@ -143,13 +143,6 @@ def test_a_few_seconds_of_training_raise_the_hypervolume(tmp_path):
     assert hypervolumes[-1] > 1.8e6
 
 
-HOPPER = (
-    *("--env", "hopper", "--device", "cpu", "--worlds", 32, "--sampling.clusters", 4),
-    *("--ppo.minibatches", 2, "--evaluation.every", 1280, "--evaluation.tradeoffs", 4),
-    *("--task.episode-length", 20, "--output", "run"),
-)
-
-
 def iterations(folder: Path) -> int:
     return checkpoint.load(folder / "checkpoints" / "latest.pt").learner["iteration"]
 
@@ -170,7 +163,8 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
             os.kill(os.getpid(), number)
 
     monkeypatch.setattr(MORLAX, "iterate", interrupted)
-    monkeypatch.setattr(sys, "argv", ["train", *map(str, HOPPER)])
+    typed = "--env", "hopper", *small.TYPED[:-2], "--evaluation.every", "1280", "--output", "run"
+    monkeypatch.setattr(sys, "argv", ["train", *typed])
     with pytest.raises(SystemExit) as exit:
         train_command.main()
     assert exit.value.code == status and not is_training(Path("run"))

@@ -31,15 +31,6 @@ def saved(make_policy, workplace: Path) -> Path:
     return workplace
 
 
-def decoded(path: Path) -> tuple[str, np.ndarray]:
-    """Return ffmpeg's description of a video and its frames (T, H, W, 3)."""
-    command = [recording.find_ffmpeg(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
-    done = subprocess.run(command, capture_output=True, check=True)
-    about = re.search(r"Stream.*Video: (.*)", done.stderr.decode())[1]
-    width, height = map(int, re.search(r" (\d\d+)x(\d+)", about).groups())
-    return about, np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
-
-
 SMALL = ("--width", "95", "--height", "65", "--seconds", "0.4")
 
 
@@ -65,7 +56,20 @@ def test_without_opengl_the_error_is_one_line(backend, sentence, tmp_path):
 def test_an_mp4_plays_in_browsers_in_real_time(saved, capsys):
     record.command(["policy.pt", *SMALL])
     assert "written: film.mp4" in capsys.readouterr().out
-    about, frames = decoded(saved / "film.mp4")
+    command = [
+        recording.find_ffmpeg(),
+        "-i",
+        "film.mp4",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-",
+    ]
+    done = subprocess.run(command, capture_output=True, check=True)
+    about = re.search(r"Stream.*Video: (.*)", done.stderr.decode())[1]
+    width, height = map(int, re.search(r" (\d\d+)x(\d+)", about).groups())
+    frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
     assert about.startswith("h264") and "yuv420p" in about
     assert " 25 fps" in about  # every fourth of 100 control steps per second
     assert frames.shape == (11, 66, 3 * 95 + 2 * GAP + 1, 3)  # even sizes; initial state included
