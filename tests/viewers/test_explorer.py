@@ -21,7 +21,6 @@ from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map
 from morlax_torch.viewers.explorer import exhibits, library
 from morlax_torch.viewers.explorer.exhibits import RunExhibit, Thresholds
-from morlax_torch.viewers.explorer.preference import Comparison
 from morlax_torch.viewers.explorer.session import (
     PUSH,
     WEIGHT,
