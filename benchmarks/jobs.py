@@ -78,17 +78,15 @@ def main(
             with lock:
                 left = seconds - (time.monotonic() - began)
                 fitting = [job for job in waiting if job.seconds <= left]
+                unfinished = {*running, *(job.name for job in waiting)}
                 for job in fitting:
-                    if job.after not in {*waited(), *running}:
+                    if job.after not in unfinished:
                         waiting.remove(job)
                         running.add(job.name)
                         return job
                 if not fitting or not running:
                     return None
             time.sleep(1.0)  # until another GPU has done what the next job needs
-
-    def waited() -> set[str]:
-        return {job.name for job in waiting}
 
     def work(gpu: int) -> None:
         while job := take():
