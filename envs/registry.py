@@ -90,10 +90,14 @@ def _announce(name: str) -> None:
             f"the environment {former.kwargs.get('task')!r} is {identity} in Gymnasium already, "
             f"and {name!r} would be too: choose another name."
         )
-    module = f"{NAMESPACE}.adapters.gymnasium"
-    made: Any = {"vector_entry_point": f"{module}:GymnasiumVectorEnv", "kwargs": {"task": name}}
-    plain: Any = {"order_enforce": False, "disable_env_checker": True}
-    gymnasium.register(identity, f"{module}:GymnasiumEnv", **made, **plain)
+    gymnasium.register(
+        identity,
+        entry_point=f"{NAMESPACE}.adapters.gymnasium:GymnasiumEnv",
+        vector_entry_point=f"{NAMESPACE}.adapters.gymnasium:GymnasiumVectorEnv",
+        order_enforce=False,
+        disable_env_checker=True,
+        kwargs={"task": name},
+    )
 
 
 for _name in TASKS:

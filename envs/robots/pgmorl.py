@@ -15,9 +15,10 @@ from torch import Tensor
 
 from ..worlds.options import Objectives, TaskOptions
 from . import mo_gymnasium
-from .cheetah import MAX_PITCH, MAX_SPEED
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
 
+MAX_SPEED = 4.0  # m/s, of the cheetah; higher speeds earn no more reward
+MAX_PITCH = math.radians(50)  # of the cheetah
 # Control range and gear of the hopper: thigh, leg, foot.
 MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))
 

@@ -33,8 +33,13 @@ class TorchRLEnv(EnvBase):
     is the underlying morlax_torch environment. An unpickled copy starts from scratch.
 
     Args:
-        task, model_seed, task_options: as for `GymnasiumEnv`.
-        num_envs, device, backend: as for `GymnasiumVectorEnv`.
+        task: one of `envs.names()`.
+        num_envs: N.
+        device: as for `envs.make`.
+        backend: as for `envs.make`.
+        model_seed: random seed of what resets leave: randomized models, and the states among which
+            noisy starts are drawn.
+        task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:
         MorlaxError: an unknown task or option, or a missing device.

@@ -299,11 +299,7 @@ class Run:
         values = read_yaml(self.folder / "config.yaml")
         first = changed(values)
         ordered = sorted(flat(values).items(), key=lambda item: item[0] not in first)
-        config = {
-            name: value if type(value) in (str, int, float) else json.dumps(value)
-            for name, value in ordered
-            if value != {}
-        }
+        config = {name: _shown(value) for name, value in ordered if value != {}}
         # `add_hparams` would write to a folder of its own, which TensorBoard shows as another run
         experiment, session, _ = hparams(config, dict.fromkeys(tags, 0.0))
         assert self._events.file_writer is not None
@@ -356,3 +352,9 @@ def is_training(folder: Path) -> bool:
 
 def _save_front(front: Front, path: Path) -> None:
     front._replace(checkpoint=path.name).save(checkpoint.front_path(path))
+
+
+def _shown(value: Any) -> str | float:
+    """Return a finite number or text as it is, other values as JSON."""
+    plain = isinstance(value, str) or (type(value) in (int, float) and math.isfinite(value))
+    return value if plain else json.dumps(value)

@@ -20,8 +20,14 @@ from ...envs.physics.mujoco import MujocoPhysics
 from ...exports.exporting import onnx_model, onnxruntime, quiet
 from ...host.phases import phase
 
-ARRAYS = {name: name for name in ("qpos", "qvel", "act", "ctrl")}  # of `Physics`, and in mjData
-ARRAYS |= {"warmstart": "qacc_warmstart", "sensors": "sensordata"}
+ARRAYS = {  # of `Physics`, and their names in mjData
+    "qpos": "qpos",
+    "qvel": "qvel",
+    "act": "act",
+    "ctrl": "ctrl",
+    "warmstart": "qacc_warmstart",
+    "sensors": "sensordata",
+}
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
 STEPS, EPISODES = 60, 3  # of the check
 TOLERANCE = 1e-4  # absolute plus relative
