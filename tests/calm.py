@@ -20,26 +20,31 @@ def calm(
 ) -> Any:
     """Return an environment of mjlab without noise and without differences between worlds.
 
-    All have one command. Where they are `pushed`, each push is the same, every 0.2 s, and so are
-    commands, which are drawn every 0.5 s. `changes` are of the config, which `edit` changes too.
+    All have one command, or start at the first frame of their motion. Where they are `pushed`, each
+    push is the same, every 0.2 s, and so are commands, which are drawn every 0.5 s. `changes` are
+    of the config, which `edit` changes too.
     """
 
     def config() -> Any:
         cfg = load(name)
         cfg.scene.num_envs, cfg.seed, cfg.curriculum = num_envs, 0, {}
         kept = ("reset_base", "reset_robot_joints", *(["push_robot"] if pushed else []))
-        cfg.events = {key: cfg.events[key] for key in kept}
-        cfg.events["reset_base"].params["pose_range"] = {"z": (0.02, 0.02)}
+        cfg.events = {key: cfg.events[key] for key in kept if key in cfg.events}
+        if "reset_base" in cfg.events:
+            cfg.events["reset_base"].params["pose_range"] = {"z": (0.02, 0.02)}
         if pushed:
             cfg.events["push_robot"].interval_range_s = (0.2, 0.2)
             cfg.events["push_robot"].params["velocity_range"] = {"x": (0.4, 0.4)}
         cfg.observations["actor"].enable_corruption = False
-        twist = cfg.commands["twist"]
-        twist.resampling_time_range = (0.5, 0.5) if pushed else (1e9, 1e9)
-        same = {"lin_vel_x": (0.5, 0.5), "lin_vel_y": (0.2, 0.2), "ang_vel_z": (0.1, 0.1)}
-        twist.ranges = replace(twist.ranges, **same)
-        for share in ("standing", "heading", "world", "forward"):
-            setattr(twist, f"rel_{share}_envs", -1.0)
+        if motion := cfg.commands.get("motion"):
+            motion.pose_range, motion.velocity_range = {}, {}
+            motion.sampling_mode, motion.joint_position_range = "start", (0.0, 0.0)
+        if twist := cfg.commands.get("twist"):
+            twist.resampling_time_range = (0.5, 0.5) if pushed else (1e9, 1e9)
+            same = {"lin_vel_x": (0.5, 0.5), "lin_vel_y": (0.2, 0.2), "ang_vel_z": (0.1, 0.1)}
+            twist.ranges = replace(twist.ranges, **same)
+            for share in ("standing", "heading", "world", "forward"):
+                setattr(twist, f"rel_{share}_envs", -1.0)
         edit(cfg)
         return replace(cfg, **changes)
 

@@ -12,7 +12,7 @@ from ..networks.agent import Agent
 from ..networks.gaussian import TanhNormal
 from .batch import Batch
 
-RATE_STEP, RATES = 1.5, (1e-6, 1e-2)  # factor and bounds of an adaptive learning rate
+RATE_STEP, RATES = 1.5, (1e-7, 1e-2)  # factor and bounds of an adaptive learning rate
 
 
 def policy_loss(

@@ -1,6 +1,7 @@
 """CPU threads of torch, and a lack of memory."""
 
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -31,15 +32,18 @@ def one_thread(device: torch.device) -> Iterator[None]:
 def shortage_of_memory(error: BaseException) -> str | None:
     """Say that memory is full, if that is why computing failed; else return None."""
     # NumPy, torch and Warp each report a lack of memory in their own way
-    words = ("out of memory", "allocate")
-    told = isinstance(error, RuntimeError) and any(word in str(error) for word in words)
+    size = re.search(r"allocate (\d[\d.]*) ?(\w+)", str(error))
+    told = isinstance(error, RuntimeError) and (size or "out of memory" in str(error))
     if not told and not isinstance(error, MemoryError):
         return None
     full = "the memory is full"
     if torch.cuda.is_available():
-        free, total = (size / 2**30 for size in torch.cuda.mem_get_info())
+        free, total = (number / 2**30 for number in torch.cuda.mem_get_info())
         full = f"the GPU's memory is full ({free:.1f} of {total:.1f} GiB free)"
-    return f"{full}: use fewer --worlds or --tradeoffs, or free memory that other programs hold."
+    more = f", and {size[1]} {size[2]} more do not fit" if size else ""
+    return (
+        f"{full}{more}: use fewer --worlds or --tradeoffs, or free memory that other programs hold."
+    )
 
 
 def memory_of(device: torch.device, root: Path = Path("/")) -> int:

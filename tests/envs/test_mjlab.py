@@ -15,10 +15,9 @@ import pytest
 import torch
 from calm import calm
 from peers import check_run
+from recordable import NoCopies, NoSync
 from same import csv_rows
 from tiny import FEW, tiny
-from torch.overrides import TorchFunctionMode
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import MorlaxError, Policy, envs, evaluate, load
 from morlax_torch.commands.terminal.arguments import read
@@ -64,7 +63,7 @@ def test_the_sum_of_all_objectives_is_the_reward_of_mjlab(go1):
 
 @pytest.mark.parametrize("remembers", [False, True])
 def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch, remembers):
-    monkeypatch.setattr(worlds, "supported", lambda cfg: False)
+    monkeypatch.setattr(worlds, "supported", lambda *_: False)
     monkeypatch.setattr(worlds, "remembers", lambda cfg: remembers)
     go1 = envs.make(GO1, 4, "cpu", episode_length=7)
     restarted = []
@@ -88,7 +87,7 @@ def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch, rem
 
 def test_joints_actions_and_contacts_of_a_last_observation_are_exact(monkeypatch):
     found = []
-    monkeypatch.setattr(worlds, "supported", lambda cfg: False)
+    monkeypatch.setattr(worlds, "supported", lambda *_: False)
     for remembers in (False, True):
         monkeypatch.setattr(worlds, "remembers", lambda cfg, answer=remembers: answer)
         env = envs.make(GO1, 4, "cpu", episode_length=3, stagger=False)
@@ -306,28 +305,6 @@ def test_a_robot_whose_left_and_right_differ_is_refused():
         other.mirror()
 
 
-class NoSync(TorchDispatchMode):
-    """Fails at operations that wait for a GPU, which a recording cannot hold."""
-
-    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
-        name = str(func)
-        assert not any(part in name for part in ("nonzero", "_local_scalar_dense", "masked_select"))
-        if "index" in name and isinstance(args[1], (list, tuple)):
-            assert not any(isinstance(x, torch.Tensor) and x.dtype == torch.bool for x in args[1])
-        return func(*args, **(kwargs or {}))
-
-
-class NoCopies(TorchFunctionMode):
-    """Fails where numbers become tensors, which a recording cannot copy to a GPU."""
-
-    def __torch_function__(self, func, types, args=(), kwargs=None):
-        assert func is not torch.tensor
-        if func in (torch.Tensor.__getitem__, torch.Tensor.__setitem__):
-            index = args[1] if isinstance(args[1], tuple) else (args[1],)
-            assert not any(isinstance(part, (list, np.ndarray)) for part in index)
-        return func(*args, **(kwargs or {}))
-
-
 def harder(cfg: Any) -> None:
     """Let robots go from level to level of uneven ground, and act late; draw nothing else."""
     cfg.curriculum = {"levels": worlds.load(ROUGH).curriculum["terrain_levels"]}
@@ -440,7 +417,7 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
     for name in (ROUGH, ROUGH.replace("Go1", "G1")):
         config, _, _ = read(["--env", name, "--device", "cpu"])
         assert config.task.robust and config.task.curriculum and config.task.sensors == "real"
-        assert worlds.supported(worlds.changed(name, config.task, 2, 0))
+        assert worlds.supported(worlds.changed(name, config.task, 2, 0), torch.device("cuda"))
     with pytest.raises(MorlaxError, match=r"no command of velocity: leave task\.robust out"):
         envs.make(CARTPOLE, 1, "cpu", robust=True)
 
@@ -471,7 +448,7 @@ def test_a_recorded_step_follows_mjlab_s(name, generator, monkeypatch):
 def test_commands_that_our_step_draws_are_distributed_like_mjlab_s(monkeypatch):
     found = []
     for ours in (True, False):
-        monkeypatch.setattr(worlds, "supported", lambda cfg, answer=ours: answer)
+        monkeypatch.setattr(worlds, "supported", lambda *_, answer=ours: answer)
         go1 = envs.make(GO1, 256, "cpu", seed=3)
         go1.step(torch.zeros(256, 12))
         go1.env.episode_length_buf.fill_(go1.episode_length - 1)
@@ -539,7 +516,7 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     weight = 9.81 * 12.7  # of a Go1, about 12.7 kg in mjlab
     np.testing.assert_allclose(cost, power / weight / speed, rtol=0.1)
 
-    monkeypatch.setattr(worlds, "supported", lambda cfg: False)  # mjlab's own step has metrics
+    monkeypatch.setattr(worlds, "supported", lambda *_: False)  # mjlab's own step has metrics
     env = envs.make(GO1, 2, "cpu")
     term = env.env.command_manager.get_term("twist")
     term.time_left.fill_(1e9)

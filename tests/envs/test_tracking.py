@@ -2,17 +2,24 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from calm import calm
 from motions import g1, squat, write_motion, write_squat
+from recordable import NoCopies, NoSync
 from tiny import tiny
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.files import task_values
+from morlax_torch.envs.bridges.mjlab import following
+from morlax_torch.envs.bridges.mjlab import worlds as mjlab_worlds
 from morlax_torch.envs.bridges.mjlab.following import landing_impact
 from morlax_torch.envs.bridges.mjlab.motion import arrays, prepared
+from morlax_torch.envs.bridges.mjlab.step import MaskedStep
+from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import load_front
 from morlax_torch.train import train
@@ -88,6 +95,85 @@ def test_evaluated_episodes_of_every_trade_off_start_at_the_same_frames(motion):
     gaps = frames[:8].sort().values.diff()
     assert gaps.min() > 0 and gaps.max() < 13  # of 50 frames that an episode may start at
     assert frames.max() + 50 <= command.motion.time_step_total
+
+
+def pair(motion: Path, device: str) -> tuple[Any, Any]:
+    """Return two environments of mjlab that push robots alike; one episode and one motion end."""
+
+    def follow(cfg: Any) -> None:
+        cfg.commands["motion"].motion_file = str(motion)
+        following.add_terms(cfg)
+
+    options = {"pushed": True, "edit": follow, "episode_length_s": 3.0}
+    own, ours = (calm(G1, 3, device, **options) for _ in range(2))
+    for env in (own, ours):
+        env.episode_length_buf.copy_(torch.tensor([0, 30, 145]))  # of 150 steps
+        frames = env.command_manager.get_term("motion").time_steps
+        frames.copy_(torch.tensor([0, 85, 90]))  # of 100
+    return own, ours
+
+
+def test_a_step_that_can_be_recorded_equals_mjlab_s(motion, generator):
+    own, ours = pair(motion, "cpu")
+    step = MaskedStep(ours, ("actor", "critic"))
+    ended = torch.zeros(2, 3, dtype=torch.bool)
+    for number in range(40):
+        action = 0.1 * torch.randn(3, 29, generator=generator)
+        groups, _, terminated, timed_out, _ = own.step(action)
+        if number:
+            with NoSync(), NoCopies():
+                seen, _, failed, late = step(action)
+        else:  # compiles and allocates
+            seen, _, failed, late = step(action)
+        assert torch.equal(groups["actor"], seen["actor"])
+        assert torch.equal(groups["critic"], seen["critic"])
+        assert torch.equal(own.reward_manager._step_reward, ours.reward_manager._step_reward)
+        assert torch.equal(terminated, failed) and torch.equal(timed_out, late)
+        ended |= torch.stack([terminated, timed_out])
+    assert ended.tolist() == [[True, False, False], [False, False, True]]
+    frames = [env.command_manager.get_term("motion").time_steps for env in (own, ours)]
+    assert torch.equal(*frames) and 20 < frames[0][1] < 40  # the second motion began anew
+
+
+@pytest.mark.gpu
+def test_a_recorded_step_follows_mjlab_s(motion, generator):
+    own, ours = pair(motion, "cuda")
+    step, action = MaskedStep(ours, ("actor",)), torch.zeros(3, 29, device="cuda")
+    seen = torch.zeros_like(own.obs_buf["actor"])
+    graph = Graph(lambda: seen.copy_(step(action)[0]["actor"]), seen.device)
+    graph.record()  # takes one step
+    own.step(action)
+    for number in range(30):
+        action.copy_(0.1 * torch.randn(3, 29, generator=generator))
+        graph()
+        groups, *_ = own.step(action)
+        frames = [env.command_manager.get_term("motion").time_steps for env in (own, ours)]
+        assert torch.equal(*frames)
+        if number < 5:  # then chaos has made sums of another order visible
+            torch.testing.assert_close(groups["actor"], seen, rtol=0.01, atol=0.01)
+
+
+def test_failures_are_counted_as_in_mjlab_and_draw_episodes_to_their_frames(motion, monkeypatch):
+    counts = []
+    for masked in (False, True):
+        monkeypatch.setattr(mjlab_worlds, "supported", lambda *_, answer=masked: answer)
+        env = make(motion, 128, auto_reset=True)
+        command, simulation = env.env.command_manager.get_term("motion"), env.env.sim
+        command.reset_to_frame(torch.arange(128), 10)
+        command.time_steps[40:] = 60
+        simulation.data.qpos[20:60, 2] -= 1.0  # m
+        env.step(torch.zeros(128, env.action_size))
+        counts.append(command.bin_failed_count / command.cfg.adaptive_alpha)
+    torch.testing.assert_close(*counts)
+    assert counts[0][0] >= 20 and counts[0][1] >= 20
+
+    command.bin_failed_count[:] = torch.tensor([0.0, 0.2, 0.6])  # of a motion of 2 s
+    env.env.episode_length_buf.fill_(env.episode_length - 1)
+    assert env.step(torch.zeros(128, env.action_size)).truncated.float().mean() > 0.5
+    begun = (command.time_steps - 1) * 3 // 99
+    shares = torch.bincount(begun, minlength=3) / 128
+    expected = torch.tensor([0.04, 0.26, 0.7])  # a share of 0.1 in all is drawn evenly
+    torch.testing.assert_close(shares, expected, rtol=0, atol=0.12)
 
 
 def test_forward_kinematics_and_velocities_are_those_of_mujoco(motion):

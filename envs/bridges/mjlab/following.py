@@ -21,7 +21,7 @@ QUANTITIES = (
     "acceleration of the base (m/s²)",  # root mean square
     "falls (per 1,000 steps)",
 )
-COMMAND, SENSOR = "MotionCommand", "end_effector_contact"
+SENSOR = "end_effector_contact"
 COLUMNS = 7  # of `Following.measure`, before those of joints
 GOLDEN = (5**0.5 - 1) / 2  # its multiples, modulo 1, are spread evenly
 

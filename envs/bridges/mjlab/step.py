@@ -1,4 +1,4 @@
-"""mjlab's step of velocity tasks, without reading a GPU value on the CPU, so it can be recorded.
+"""mjlab's step of its tasks, without reading a GPU value on the CPU, so it can be recorded.
 
 mjlab looks up which worlds are over, pushed or get a new command, and works on these alone. Here
 every world draws, and a mask keeps what is due. Steps of the same state are equal; what is drawn
@@ -17,13 +17,13 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 from ...worlds.episodes import refill
+from .commands import COMMANDS
 
 EVENTS = (
     *("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting_velocity"),
     "randomize_terrain",
 )
 LEVELS = "terrain_levels_vel"  # of the curriculum
-COMMAND = "UniformVelocityCommand"
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
 
 Groups = dict[str, Tensor]  # of observations, (N, ...) each
@@ -37,7 +37,8 @@ class MaskedStep:
         self.slots: list[tuple[dict[Any, Any], Any, Tensor]] = []  # holder, key, tensor
         self.everyone = torch.arange(env.num_envs, device=env.device)
         manager = env.command_manager
-        self.twists = [manager.get_term(name) for name in manager.active_terms]
+        terms = [manager.get_term(name) for name in manager.active_terms]
+        self.commands = [COMMANDS[type(term).__name__](term, self._masked) for term in terms]
         for sensor in env.scene.sensors.values():
             if hasattr(sensor, "_extract_yaw_rotation"):  # mjlab's looks for special cases
                 sensor._extract_yaw_rotation = _yaw
@@ -71,9 +72,11 @@ class MaskedStep:
             self._disturb()
             ending = self._observe()
             self._restart(over)
+            for command in self.commands:
+                command.advance()
             sim.forward()
-            for twist in self.twists:
-                _pass_time(twist, torch.where(over, 0.0, env.step_dt).float())
+            for command in self.commands:
+                command.pass_time(torch.where(over, 0.0, env.step_dt).float())
             sim.sense()
             groups = self._observe()
         self.settle()
@@ -128,8 +131,8 @@ class MaskedStep:
         self._masked(over, restart)
         for term, left in self._intervals():
             refill(over, torch.empty_like(left).uniform_(*term.interval_range_s), left)
-        for twist in self.twists:
-            _draw(twist, over)
+        for command in self.commands:
+            command.draw(over)
         env.scene.write_data_to_sim()
 
     def _climb(self, over: Tensor, command_name: str) -> None:
@@ -191,49 +194,8 @@ class Constants(TorchFunctionMode):
         return self._kept[key]
 
 
-def _draw(twist: Any, mask: Tensor) -> None:
-    """Draw new velocity commands of a term of mjlab in the worlds of a mask (N,)."""
-    cfg, ranges = twist.cfg, twist.cfg.ranges
-
-    def drawn(low: float, high: float) -> Tensor:
-        return torch.empty_like(twist.time_left).uniform_(low, high)
-
-    refill(mask, drawn(*cfg.resampling_time_range), twist.time_left)
-    each = (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)
-    wish = torch.stack([drawn(*limits) for limits in each], 1)
-    if cfg.heading_command:
-        refill(mask, drawn(*ranges.heading), twist.heading_target)
-        refill(mask, drawn(0, 1) <= cfg.rel_heading_envs, twist.is_heading_env)
-    refill(mask, drawn(0, 1) <= cfg.rel_standing_envs, twist.is_standing_env)
-    refill(mask, drawn(0, 1) <= cfg.rel_world_envs, twist.is_world_env)
-    refill(mask, drawn(0, 1) <= cfg.rel_forward_envs, twist.is_forward_env)
-    refill(mask, wish, twist.vel_command_w)
-    ahead = torch.zeros_like(wish)
-    ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
-    refill(mask, torch.where(twist.is_forward_env[:, None], ahead, wish), twist.vel_command_b)
-
-
-def _pass_time(twist: Any, dt: Tensor) -> None:
-    """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
-    cfg, command = twist.cfg, twist.vel_command_b
-    twist.time_left -= dt
-    _draw(twist, twist.time_left <= 0)
-    heading = twist.robot.data.heading_w
-    if cfg.heading_command:
-        error = twist.heading_target - heading
-        twist.heading_error = torch.atan2(error.sin(), error.cos())
-        turn = (cfg.heading_control_stiffness * twist.heading_error).clamp(*cfg.ranges.ang_vel_z)
-        refill(twist.is_heading_env, turn, command[:, 2])
-    x, y = twist.vel_command_w[:, :2].unbind(1)
-    cos, sin = heading.cos(), heading.sin()
-    turned = torch.stack([cos * x + sin * y, cos * y - sin * x], 1)
-    refill(twist.is_world_env, turned, command[:, :2])
-    for kept in (command, twist.vel_command_w):
-        kept.masked_fill_(twist.is_standing_env[:, None], 0.0)
-
-
-def supported(cfg: Any) -> bool:
-    """Return whether `MaskedStep` can step environments with this config."""
+def supported(cfg: Any, device: torch.device) -> bool:
+    """Return whether `MaskedStep` can step environments with this config, and should there."""
     events = [
         event.func.__name__ in EVENTS
         and not event.is_global_time
@@ -241,8 +203,13 @@ def supported(cfg: Any) -> bool:
         for event in cfg.events.values()
         if event is not None and event.mode != "startup"
     ]
+    kinds = {
+        f"{name}Cfg": kind
+        for name, kind in COMMANDS.items()
+        if kind.recordable or device.type != "cuda"
+    }
     commands = [
-        type(command).__name__ == f"{COMMAND}Cfg" and not command.init_velocity_prob
+        (kind := kinds.get(type(command).__name__)) is not None and kind.supports(command)
         for command in cfg.commands.values()
     ]
     levels = [

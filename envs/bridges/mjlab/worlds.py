@@ -23,10 +23,11 @@ from ...worlds.mirror import Mirror
 from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
 from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
 from . import following
+from .commands import MOTION, VELOCITY
 from .history import History, lengths
 from .mirror import mirror_of
 from .motion import prepared
-from .step import COMMAND, LEVELS, MaskedStep, supported
+from .step import LEVELS, MaskedStep, supported
 from .walking import LOWER_IS_BETTER, QUANTITIES, Walking
 
 ENDINGS = "endings"  # mjlab's name of the recorder
@@ -107,7 +108,7 @@ class MjlabWorlds(ForeignWorlds):
 
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)
-        masked = supported(cfg) and not remembers(cfg)
+        masked = supported(cfg, self.device) and not remembers(cfg)
         self.recordable = masked and self.device.type == "cuda"
         self._sharing: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
         if self.recordable:  # a recording draws from no other generator than torch's own
@@ -124,11 +125,11 @@ class MjlabWorlds(ForeignWorlds):
         manager = self.env.command_manager
         terms = {type(term).__name__: term for term in map(manager.get_term, manager.active_terms)}
         self._measures: Walking | following.Following | None = None
-        if COMMAND in terms:
-            self._measures = Walking(self.env, terms[COMMAND])
+        if VELOCITY in terms:
+            self._measures = Walking(self.env, terms[VELOCITY])
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
-        elif following.COMMAND in terms and following.end_effectors(self.env.cfg):
-            self._measures = following.Following(self.env, terms[following.COMMAND])
+        elif MOTION in terms and following.end_effectors(self.env.cfg):
+            self._measures = following.Following(self.env, terms[MOTION])
             self.quantities = self.lower_is_better = following.QUANTITIES
         self._step = MaskedStep(self.env, self.groups) if masked else None
 
@@ -313,7 +314,7 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
         cfg.curriculum = {}
     _ready_terrain(cfg)
     if options.robust:
-        if not any(type(command).__name__ == f"{COMMAND}Cfg" for command in cfg.commands.values()):
+        if not any(type(command).__name__ == f"{VELOCITY}Cfg" for command in cfg.commands.values()):
             raise MorlaxError(f"{name} has no command of velocity: leave task.robust out.")
         import_module(".robust", __package__).harden(cfg)
     cfg.scene.num_envs, cfg.seed = num_worlds, seed % 2**31

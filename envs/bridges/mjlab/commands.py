@@ -1,0 +1,125 @@
+"""mjlab's commands, drawn in every world where a mask is true: what `MaskedStep` needs of them."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...worlds.episodes import refill
+
+VELOCITY, MOTION = "UniformVelocityCommand", "MotionCommand"  # mjlab's classes
+NEVER = 1e6  # s; a motion that is drawn so rarely changes only at its end and with an episode
+
+Masked = Callable[[Tensor, Callable[[], None]], None]
+
+
+class Velocity:
+    """A velocity to walk with."""
+
+    recordable = True
+
+    def __init__(self, term: Any, masked: Masked):
+        self._term = term
+
+    @staticmethod
+    def supports(cfg: Any) -> bool:
+        return not cfg.init_velocity_prob
+
+    def draw(self, mask: Tensor) -> None:
+        """Draw new commands in the worlds of a mask (N,)."""
+        term, cfg, ranges = self._term, self._term.cfg, self._term.cfg.ranges
+
+        def drawn(low: float, high: float) -> Tensor:
+            return torch.empty_like(term.time_left).uniform_(low, high)
+
+        refill(mask, drawn(*cfg.resampling_time_range), term.time_left)
+        each = (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)
+        wish = torch.stack([drawn(*limits) for limits in each], 1)
+        if cfg.heading_command:
+            refill(mask, drawn(*ranges.heading), term.heading_target)
+            refill(mask, drawn(0, 1) <= cfg.rel_heading_envs, term.is_heading_env)
+        refill(mask, drawn(0, 1) <= cfg.rel_standing_envs, term.is_standing_env)
+        refill(mask, drawn(0, 1) <= cfg.rel_world_envs, term.is_world_env)
+        refill(mask, drawn(0, 1) <= cfg.rel_forward_envs, term.is_forward_env)
+        refill(mask, wish, term.vel_command_w)
+        ahead = torch.zeros_like(wish)
+        ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
+        refill(mask, torch.where(term.is_forward_env[:, None], ahead, wish), term.vel_command_b)
+
+    def advance(self) -> None:
+        """Do nothing: a velocity moves no robot."""
+
+    def pass_time(self, dt: Tensor) -> None:
+        """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
+        term, cfg, command = self._term, self._term.cfg, self._term.vel_command_b
+        term.time_left -= dt
+        self.draw(term.time_left <= 0)
+        heading = term.robot.data.heading_w
+        if cfg.heading_command:
+            error = term.heading_target - heading
+            term.heading_error = torch.atan2(error.sin(), error.cos())
+            turn = (cfg.heading_control_stiffness * term.heading_error).clamp(*cfg.ranges.ang_vel_z)
+            refill(term.is_heading_env, turn, command[:, 2])
+        x, y = term.vel_command_w[:, :2].unbind(1)
+        cos, sin = heading.cos(), heading.sin()
+        turned = torch.stack([cos * x + sin * y, cos * y - sin * x], 1)
+        refill(term.is_world_env, turned, command[:, :2])
+        for kept in (command, term.vel_command_w):
+            kept.masked_fill_(term.is_standing_env[:, None], 0.0)
+
+
+class Motion:
+    """A motion to follow, from a frame that is drawn more often where robots failed."""
+
+    recordable = False  # a step is, but rollouts of 8,192 worlds did not fit into an H200
+
+    def __init__(self, term: Any, masked: Masked):
+        self._term, self._masked = term, masked
+        self._everyone = torch.arange(term.num_envs, device=term.device)
+        term._adaptive_sampling = self._draw_frames  # mjlab's counts failures there, too
+
+    @staticmethod
+    def supports(cfg: Any) -> bool:
+        return cfg.resampling_time_range[0] > NEVER
+
+    def draw(self, mask: Tensor) -> None:
+        """Put robots at new frames of the motion in the worlds of a mask (N,)."""
+        term, failed = self._term, self._term._env.termination_manager.terminated & mask
+        bins = term.time_steps * term.bin_count // term.motion.time_step_total
+        bins = bins.clamp(max=term.bin_count - 1)  # after the last frame
+        counts = torch.zeros_like(term.bin_failed_count).index_add_(0, bins, failed.float())
+        latest = term._current_bin_failed
+        latest.copy_(torch.where(failed.any(), counts, latest))
+        self._masked(mask, partial(term._resample_command, self._everyone))
+        term._pending_forward = False  # the step computes positions of bodies anyway
+
+    def _draw_frames(self, worlds: Tensor) -> None:
+        """Draw frames for some worlds (n,) with mjlab's probabilities of their seconds."""
+        term = self._term
+        size, total = term.cfg.adaptive_kernel_size, term.bin_count
+        weights = term.bin_failed_count + term.cfg.adaptive_uniform_ratio / total
+        later = weights[-1:].expand(size - 1)
+        weights = (torch.cat([weights, later]).unfold(0, size, 1) * term.kernel).sum(1)
+        place, within = torch.rand(len(worlds), 2, device=weights.device).unbind(1)
+        ends = weights.cumsum(0)
+        bins = torch.searchsorted(ends, place * ends[-1]).clamp(max=total - 1)
+        frames = (bins + within) / total * (term.motion.time_step_total - 1)
+        term.time_steps[worlds] = frames.long()
+
+    def advance(self) -> None:
+        """Go on to the next frame; after the last one, to a new one."""
+        self._term.time_steps += 1
+        self.draw(self._term.time_steps >= self._term.motion.time_step_total)
+
+    def pass_time(self, dt: Tensor) -> None:
+        """Move the motion to where the robots are, and remember where they failed."""
+        term, rate = self._term, self._term.cfg.adaptive_alpha
+        term.update_relative_body_poses()
+        if term.cfg.sampling_mode == "adaptive":
+            term.bin_failed_count.mul_(1 - rate).add_(rate * term._current_bin_failed)
+            term._current_bin_failed.zero_()
+
+
+COMMANDS: dict[str, type[Velocity] | type[Motion]] = {VELOCITY: Velocity, MOTION: Motion}
