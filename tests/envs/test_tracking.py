@@ -16,6 +16,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.files import task_values
 from morlax_torch.envs.bridges.mjlab import following
 from morlax_torch.envs.bridges.mjlab import worlds as mjlab_worlds
+from morlax_torch.envs.bridges.mjlab.commands import Motion
 from morlax_torch.envs.bridges.mjlab.following import landing_impact
 from morlax_torch.envs.bridges.mjlab.motion import arrays, prepared
 from morlax_torch.envs.bridges.mjlab.step import MaskedStep
@@ -135,6 +136,19 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(motion, generator):
     assert torch.equal(*frames) and 20 < frames[0][1] < 40  # the second motion began anew
 
 
+@pytest.mark.parametrize("evaluates", [False, True])
+def test_whole_steps_and_their_measures_can_be_recorded(motion, evaluates):
+    env = make(motion, auto_reset=not evaluates)
+    if evaluates:
+        env.share_draws(torch.arange(4) % 2, 2)
+    env.reset()
+    env.step(torch.zeros(4, env.action_size))  # compiles and allocates
+    env.measure()
+    with NoSync(), NoCopies():
+        env.step(torch.zeros(4, env.action_size))
+        env.measure()
+
+
 @pytest.mark.gpu
 def test_a_recorded_step_follows_mjlab_s(motion, generator):
     own, ours = pair(motion, "cuda")
@@ -151,6 +165,15 @@ def test_a_recorded_step_follows_mjlab_s(motion, generator):
         assert torch.equal(*frames)
         if number < 5:  # then chaos has made sums of another order visible
             torch.testing.assert_close(groups["actor"], seen, rtol=0.01, atol=0.01)
+
+
+@pytest.mark.gpu
+def test_recorded_rollouts_and_evaluations_follow_a_motion(motion, tmp_path, monkeypatch):
+    monkeypatch.setattr(Motion, "recordable", True)
+    few = {"worlds": 1024, "sampling.clusters": 8, "max_env_steps": 10**5, "device": "cuda"}
+    few |= {"evaluation.tradeoffs": 8, "task.motion_file": str(motion), "horizon": 24}
+    front = load_front(train(tiny(G1, backend=None, **few), output=tmp_path / "run").folder)
+    assert 0 < front.quantities[:, 0].min() < 300
 
 
 def test_failures_are_counted_as_in_mjlab_and_draw_episodes_to_their_frames(motion, monkeypatch):

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .step import Constants
 from .walking import Measures
 
 QUANTITIES = (
@@ -75,6 +76,7 @@ class Following(Measures):
     def __init__(self, env: Any, command: Any):
         super().__init__(env, command)
         self._metrics = import_module("mjlab.tasks.tracking.mdp.metrics")
+        self._constants = Constants()  # names of end effectors become indices
         self.look()
 
     def look(self) -> None:
@@ -101,10 +103,12 @@ class Following(Measures):
         frame.robot_body_pos_w = self._command.robot_body_pos_w
         frame.robot_joint_vel = self._command.robot_joint_vel
         torque = data.qfrc_actuator
+        with self._constants:
+            of_ends = metrics.compute_ee_position_error(frame, end_effectors(self._env.cfg))
         numbers = (
             metrics.compute_root_relative_mpkpe(frame),
             metrics.compute_mpkpe(frame),
-            metrics.compute_ee_position_error(frame, end_effectors(self._env.cfg)),
+            of_ends,
             metrics.compute_joint_velocity_error(frame),
             (torque * data.joint_vel).clamp(min=0).sum(1),
             landing_impact(self._env),
