@@ -27,7 +27,7 @@ class Velocity:
     def supports(cfg: Any) -> bool:
         return not cfg.init_velocity_prob
 
-    def draw(self, mask: Tensor) -> None:
+    def restart(self, mask: Tensor) -> None:
         """Draw new commands in the worlds of a mask (N,)."""
         term, cfg, ranges = self._term, self._term.cfg, self._term.cfg.ranges
 
@@ -48,14 +48,11 @@ class Velocity:
         ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
         refill(mask, torch.where(term.is_forward_env[:, None], ahead, wish), term.vel_command_b)
 
-    def advance(self) -> None:
-        """Do nothing: a velocity moves no robot."""
-
     def pass_time(self, dt: Tensor) -> None:
         """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
         term, cfg, command = self._term, self._term.cfg, self._term.vel_command_b
         term.time_left -= dt
-        self.draw(term.time_left <= 0)
+        self.restart(term.time_left <= 0)
         heading = term.robot.data.heading_w
         if cfg.heading_command:
             error = term.heading_target - heading
@@ -84,15 +81,18 @@ class Motion:
     def supports(cfg: Any) -> bool:
         return cfg.resampling_time_range[0] > NEVER
 
-    def draw(self, mask: Tensor) -> None:
-        """Put robots at new frames of the motion in the worlds of a mask (N,)."""
-        term, failed = self._term, self._term._env.termination_manager.terminated & mask
-        bins = term.time_steps * term.bin_count // term.motion.time_step_total
-        bins = bins.clamp(max=term.bin_count - 1)  # after the last frame
+    def restart(self, over: Tensor) -> None:
+        """Go on by a frame; put robots at new ones where an episode (N,) or the motion is over."""
+        term, total = self._term, self._term.motion.time_step_total
+        failed = term._env.termination_manager.terminated & over
+        bins = term.time_steps * term.bin_count // total
         counts = torch.zeros_like(term.bin_failed_count).index_add_(0, bins, failed.float())
         latest = term._current_bin_failed
         latest.copy_(torch.where(failed.any(), counts, latest))
-        self._masked(mask, partial(term._resample_command, self._everyone))
+        term.time_steps += 1
+        ended = (term.time_steps >= total) & ~over
+        self._masked(over | ended, partial(term._resample_command, self._everyone))
+        term.time_steps += over  # mjlab moves on after drawing
         term._pending_forward = False  # the step computes positions of bodies anyway
 
     def _draw_frames(self, worlds: Tensor) -> None:
@@ -107,11 +107,6 @@ class Motion:
         bins = torch.searchsorted(ends, place * ends[-1]).clamp(max=total - 1)
         frames = (bins + within) / total * (term.motion.time_step_total - 1)
         term.time_steps[worlds] = frames.long()
-
-    def advance(self) -> None:
-        """Go on to the next frame; after the last one, to a new one."""
-        self._term.time_steps += 1
-        self.draw(self._term.time_steps >= self._term.motion.time_step_total)
 
     def pass_time(self, dt: Tensor) -> None:
         """Move the motion to where the robots are, and remember where they failed."""

@@ -19,10 +19,8 @@ from torch.overrides import TorchFunctionMode
 from ...worlds.episodes import refill
 from .commands import COMMANDS
 
-EVENTS = (
-    *("reset_root_state_uniform", "reset_joints_by_offset", "push_by_setting_velocity"),
-    "randomize_terrain",
-)
+PUSH = "push_by_setting_velocity"
+EVENTS = "reset_root_state_uniform", "reset_joints_by_offset", PUSH, "randomize_terrain"
 LEVELS = "terrain_levels_vel"  # of the curriculum
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
 
@@ -72,8 +70,6 @@ class MaskedStep:
             self._disturb()
             ending = self._observe()
             self._restart(over)
-            for command in self.commands:
-                command.advance()
             sim.forward()
             for command in self.commands:
                 command.pass_time(torch.where(over, 0.0, env.step_dt).float())
@@ -99,7 +95,8 @@ class MaskedStep:
             left -= self.env.step_dt
             due = left < 1e-6
             refill(due, torch.empty_like(left).uniform_(*term.interval_range_s), left)
-            self._masked(due, lambda term=term: self._run(term))
+            rows = [] if term.func.__name__ == PUSH else None
+            self._masked(due, lambda term=term: self._run(term), rows)
 
     def _intervals(self) -> Iterator[tuple[Any, Tensor]]:
         """Return events that happen at intervals, and the seconds until each, (N,)."""
@@ -132,7 +129,7 @@ class MaskedStep:
         for term, left in self._intervals():
             refill(over, torch.empty_like(left).uniform_(*term.interval_range_s), left)
         for command in self.commands:
-            command.draw(over)
+            command.restart(over)
         env.scene.write_data_to_sim()
 
     def _climb(self, over: Tensor, command_name: str) -> None:
@@ -146,16 +143,21 @@ class MaskedStep:
     def _run(self, term: Any) -> None:
         term.func(self.env, self.everyone, **term.params)
 
-    def _masked(self, mask: Tensor, run: Callable[[], None]) -> None:
-        """Let `run` change all worlds, and keep its changes where the mask (N,) is true."""
-        number = self.env.num_envs
-        held = [holder[key] for holder, key in _slots(self.env)]
-        rows = [value for value in held if value.ndim and len(value) == number]
-        state = [*self.physics, *rows]
+    def _masked(
+        self, mask: Tensor, run: Callable[[], None], rows: list[Tensor] | None = None
+    ) -> None:
+        """Let `run` change physics and `rows`, and keep its changes where the mask (N,) is true.
+
+        Without them, that is all tensors of mjlab that have a row for each world.
+        """
+        if rows is None:
+            held = [holder[key] for holder, key in _slots(self.env)]
+            rows = [value for value in held if value.ndim and len(value) == self.env.num_envs]
+        state, others = [*self.physics, *rows], ~mask
         before = [value.clone() for value in state]
         run()
         for value, old in zip(state, before, strict=True):
-            refill(~mask, old, value)
+            refill(others, old, value)
 
 
 class Constants(TorchFunctionMode):
