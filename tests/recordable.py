@@ -1,9 +1,15 @@
-"""Modes of torch that fail at what a recorded graph cannot hold."""
+"""Find what a recorded graph cannot hold, without a GPU."""
 
 import numpy as np
+import pytest
 import torch
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
+
+from morlax_torch import MORLAX
+from morlax_torch.configuration.config import Config
+from morlax_torch.evaluation.evaluator import make_evaluator
+from morlax_torch.networks import hypernetwork
 
 
 class NoSync(TorchDispatchMode):
@@ -26,3 +32,18 @@ class NoCopies(TorchFunctionMode):
             index = args[1] if isinstance(args[1], tuple) else (args[1],)
             assert not any(isinstance(part, (list, np.ndarray)) for part in index)
         return func(*args, **(kwargs or {}))
+
+
+def check_recordable(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail unless a graph can hold rollouts, what is learned from them, and evaluations."""
+    learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
+    learner.iterate()
+    m = len(learner.env.objectives)
+    evaluator = make_evaluator(learner.agent, config, m, "latched", 2 * m, seeds=2, sets=2)
+    evaluator._one_step()  # compiles and allocates, as the iteration did
+    # while it is recorded, it does not look at numbers either
+    monkeypatch.setattr(hypernetwork, "on_simplex", lambda conditions, _: conditions)
+    with NoSync(), NoCopies():
+        learner._explore()
+        learner._learn()
+        evaluator._some_steps()

@@ -15,7 +15,7 @@ import pytest
 import torch
 from calm import calm
 from peers import check_run
-from recordable import NoCopies, NoSync
+from recordable import NoCopies, NoSync, check_recordable
 from same import csv_rows
 from tiny import FEW, tiny
 
@@ -364,6 +364,11 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch
             assert torch.equal(own.scene.terrain.env_origins, ours.scene.terrain.env_origins)
     moved = torch.stack(climbs).diff(dim=0).unique().tolist() if climbs else [-1, 0, 1]
     assert moved == [-1, 0, 1]
+
+
+@pytest.mark.parametrize("name", [GO1, ROUGH])
+def test_rollouts_and_evaluations_can_be_recorded(name, monkeypatch):
+    check_recordable(tiny(name, backend=None, **FEW), monkeypatch)
 
 
 def test_robust_worlds_differ_and_their_actions_arrive_late(monkeypatch, generator):

@@ -9,8 +9,8 @@ import pytest
 import torch
 from calm import calm
 from motions import g1, squat, write_motion, write_squat
-from recordable import NoCopies, NoSync
-from tiny import tiny
+from recordable import NoCopies, NoSync, check_recordable
+from tiny import FEW, tiny
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.files import task_values
@@ -136,17 +136,9 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(motion, generator):
     assert torch.equal(*frames) and 20 < frames[0][1] < 40  # the second motion began anew
 
 
-@pytest.mark.parametrize("evaluates", [False, True])
-def test_whole_steps_and_their_measures_can_be_recorded(motion, evaluates):
-    env = make(motion, auto_reset=not evaluates)
-    if evaluates:
-        env.share_draws(torch.arange(4) % 2, 2)
-    env.reset()
-    env.step(torch.zeros(4, env.action_size))  # compiles and allocates
-    env.measure()
-    with NoSync(), NoCopies():
-        env.step(torch.zeros(4, env.action_size))
-        env.measure()
+def test_rollouts_and_evaluations_can_be_recorded(motion, monkeypatch):
+    few = {**FEW, "worlds": 14, "sampling.clusters": 7, "task.motion_file": str(motion)}
+    check_recordable(tiny(G1, backend=None, **few), monkeypatch)
 
 
 @pytest.mark.gpu
