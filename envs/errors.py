@@ -64,22 +64,23 @@ def words(error: BaseException) -> str:
     return f"{type(error).__name__}: {line(error)}"
 
 
-def located(error: BaseException, file: str | None = None) -> str:
-    """Return the `words` of an error, with the last line of `file` that it came through."""
-    frames = traceback.extract_tb(error.__traceback__)
-    lines = [frame.lineno for frame in frames if frame.filename == file]
-    return f"{words(error)} ({file}, line {lines[-1]})" if lines else words(error)
-
-
 @contextmanager
 def user_code(sentence: str, file: str | None = None) -> Iterator[None]:
-    """Turn any error of a user's own code, such as that in `file`, into a sentence."""
+    """Turn any error of a user's own code, but a lack of memory, into a sentence.
+
+    It names the last line of `file` that the error came through.
+    """
     try:
         yield
     except (MorlaxError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
-        raise MorlaxError(f"{sentence}: {located(error, file)}") from error
+        if type(error).__name__ == "OutOfMemoryError":  # torch's, which is not imported here
+            raise
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == file]
+        where = f" ({file}, line {lines[-1]})" if lines else ""
+        raise MorlaxError(f"{sentence}: {words(error)}{where}") from error
 
 
 def validated(model: type[M], values: Any, source: str = "", context: object = None) -> M:

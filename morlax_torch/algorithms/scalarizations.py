@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..configuration.config import CONSTRAINED
 from ..envs import MorlaxError, trust
-from ..envs.errors import located, unknown
+from ..envs.errors import unknown, user_code
 from ..envs.external import import_file
 from ..gpu.group import ALONE, Group
 
@@ -198,13 +198,8 @@ class OwnUtility(Scalarization):
             raise MorlaxError(f"the derivative of the utility {name} is not finite.")
 
     def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        try:
+        with user_code(f"the utility {self._name} fails", self._name.rpartition(":")[0]):
             utility = self._function(tradeoffs, returns)
-        except (MemoryError, torch.OutOfMemoryError):
-            raise
-        except (Exception, SystemExit) as error:  # any error of the user's own code
-            reason = located(error, self._name.rpartition(":")[0])
-            raise MorlaxError(f"the utility {self._name} fails: {reason}") from error
         if not isinstance(utility, Tensor) or utility.shape != returns.shape[:1]:
             K, m = returns.shape
             shape = tuple(utility.shape) if isinstance(utility, Tensor) else type(utility).__name__

@@ -18,6 +18,7 @@ from morlax_torch.algorithms.scalarizations import (
     RATE,
     SMOOTHNESS,
     Constrained,
+    OwnUtility,
     SmoothChebyshev,
     make_scalarization,
 )
@@ -248,3 +249,11 @@ def test_mistakes_are_one_sentence(name, message, own, workplace):
             "hopper", scalarization=name.replace("FILE", own), device="cpu", worlds=64
         )
         make_scalarization(config.scalarization, ("run", "jump"), CPU)
+
+
+def test_a_lack_of_memory_is_no_mistake_of_the_utility():
+    def full(tradeoffs, returns):
+        raise torch.OutOfMemoryError("CUDA out of memory")
+
+    with pytest.raises(torch.OutOfMemoryError):
+        OwnUtility(full, "own.py:full", 2, CPU)
