@@ -16,9 +16,8 @@ NICE = 10
 class Explore(Trusting):
     """Serve a page that shows a robot live, with a slider for each objective."""
 
-    run: Annotated[str | None, Positional, arg(metavar="[RUN|NAME]")] = None
-    """Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped policy (None:
-    the first shipped policy, or the newest run if none is shipped)."""
+    run: Annotated[str, Positional, arg(metavar="[RUN|NAME]")] = "ant"
+    """Run folder (runs/TASK or latest: the newest run), checkpoint file, or shipped policy."""
     tradeoff: Annotated[str | None, arg(metavar="0.8,0.2")] = None
     """Weights to open with, @NAME of a bookmark, or FILE.yaml of a trade-off over time, which moves
     the sliders until you do (None: the balanced trade-off)."""
@@ -34,9 +33,9 @@ def command(arguments: Sequence[str]) -> None:
         from ..runs.loading import moving_tradeoff_of, objectives_of, trust_run  # imports torch
         from ..viewers.explorer import library
 
-        run = options.run or library.first()
+        run, text = options.run, options.tradeoff
         trust_run(run, options.trust, options.env)
-        choice, text = library.choose(run), options.tradeoff
+        choice = library.choose(run)
         tradeoff = None if text is None else moving_tradeoff_of(text, run, objectives_of(run))
         import torch
 

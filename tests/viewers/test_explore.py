@@ -27,9 +27,7 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import loading
 
 
-def test_a_run_that_cannot_be_explored_is_an_error(workplace, monkeypatch, refused):
-    monkeypatch.setattr(loading, "SHIPPED", workplace)
-    assert "there is nothing to explore yet" in refused(explore)
+def test_a_run_that_cannot_be_explored_is_an_error(workplace, refused):
     assert "runs/none does not exist" in refused(explore, "runs/none")
     (workplace / "run").mkdir()
     assert "run has no checkpoints" in refused(explore, "run")

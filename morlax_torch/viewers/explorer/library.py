@@ -9,8 +9,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-from ...envs.errors import MorlaxError, unknown
-from ...envs.making import has_robot
+from ...envs.errors import unknown
 from ...envs.naming import GYMNASIUM, MJLAB, runs_code, title
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
@@ -28,16 +27,15 @@ POLICY, CARD = "policy.onnx", "decision.html"
 BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
-def _folders() -> dict[str, Path]:
-    """Return the folders of the shipped policies, then those of the runs, newest first, by name."""
-    shipped = sorted(folder.parent for folder in loading.SHIPPED.glob("*/checkpoints"))
-    runs = newest_runs(RUNS)
-    return {folder.name: folder for folder in shipped} | {str(run): run for run in runs}
-
-
 def labels() -> dict[str, str]:
-    """Return labels by name, shipped policies first; some end with why a run cannot be shown."""
-    return {name: name + _reason(folder) for name, folder in _folders().items()}
+    """Return labels by name: shipped policies, then runs, newest first.
+
+    Some end with why a run cannot be shown.
+    """
+    shipped = sorted(folder.parent for folder in loading.SHIPPED.glob("*/checkpoints"))
+    folders = {folder.name: folder for folder in shipped}
+    folders |= {str(run): run for run in newest_runs(RUNS)}
+    return {name: name + _reason(folder) for name, folder in folders.items()}
 
 
 def _reason(run: Path) -> str:
@@ -45,16 +43,6 @@ def _reason(run: Path) -> str:
     if task.startswith(GYMNASIUM):
         return " (no MuJoCo robot)"
     return " (needs mjlab)" if task.startswith(MJLAB) and find_spec("mjlab") is None else ""
-
-
-def first() -> str:
-    """Return the default choice: the first shipped policy, or else the latest run."""
-    if folders := _folders():
-        return next(iter(folders))
-    raise MorlaxError(
-        "there is nothing to explore yet: name the folder of a run, or train one "
-        "(morlax train --env cheetah --max-seconds 60)."
-    )
 
 
 class Choice(NamedTuple):
@@ -160,5 +148,5 @@ def decision_card(
         "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
         "morlax-torch": __version__,
     }
-    picture = strip(policy.cpu(), choice.tradeoff) if has_robot(env) else None
+    picture = strip(policy.cpu(), choice.tradeoff)
     return card(title(env), choice, tried, facts, commands, picture)
