@@ -43,15 +43,15 @@ def play(session: Session, seconds: float, pace: float = 1.0) -> int:
 
 
 def test_a_robot_moves_in_real_time(session):
-    assert play(session, 1.0) == round(1 / session.dt)
+    assert play(session, 1.0) == round(1 / session.player.env.dt)
     session.reset()
-    assert session.steps == 0
+    assert session.player.steps == 0
     assert not session.player.returns.any()
 
 
 def test_slow_motion_and_pause(session):
-    assert play(session, 2.0, pace=0.25) == pytest.approx(0.5 / session.dt, abs=1)
-    assert session.advance(3600.0) * session.dt <= 0.1 + 1e-9  # is not caught up with
+    assert play(session, 2.0, pace=0.25) == pytest.approx(0.5 / session.player.env.dt, abs=1)
+    assert session.advance(3600.0) * session.player.env.dt <= 0.1 + 1e-9  # is not caught up with
     assert play(session, 1.0, pace=0.0) == 0
 
 
@@ -70,9 +70,9 @@ def test_a_new_tradeoff_acts_on_the_next_step(session):
 def test_a_finished_episode_is_reported_and_a_new_one_starts(session):
     while session.last_episode is None:
         session.step()
-    assert session.steps == 1
+    assert session.player.steps == 1
     assert len(session.last_episode["returns"]) == 2
-    fell = session.last_episode["seconds"] < 200 * session.dt - 1e-9
+    fell = session.last_episode["seconds"] < 200 * session.player.env.dt - 1e-9
     assert session.last_episode["fell"] == fell
 
 
@@ -145,7 +145,7 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered():
     exhibit.react({"act": "steer", "weights": [9.0, 1.0]})
     play(exhibit.robots[0], 0.2)
     press(exhibit, "add")
-    assert exhibit.robots[0].steps == 0  # both start anew, so that their returns are comparable
+    assert exhibit.robots[0].player.steps == 0  # both start anew, to be comparable
     exhibit.react({"act": "steer", "weights": [2.0, 8.0]})
     assert [robot.tradeoff for robot in exhibit.robots] == [(0.9, 0.1), (0.2, 0.8)]
     press(exhibit, "add")
@@ -167,7 +167,7 @@ def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
         robot.step()
         player.step()
         assert robot.told()["tradeoff"] == tuple(player.tradeoff.tolist())
-    assert (robot.data.qpos == player.data.qpos).all()
+    assert (robot.player.data.qpos == player.data.qpos).all()
     assert 0.2 < robot.tradeoff[0] < 0.8 and robot.told()["follows"] is True
     exhibit.react({"act": "steer", "weights": [3.0, 1.0]})
     play(robot, 0.2)
@@ -241,12 +241,12 @@ def test_the_policies_of_a_newer_checkpoint_act_while_the_robot_goes_on(
     assert state["training"][-1]["fingerprint"] == state["front"]["fingerprint"]
     (robot,) = exhibit.robots
     play(robot, 0.1)
-    policy, steps = load(run), robot.steps
+    policy, steps = load(run), robot.player.steps
     policy.agent.actor.bias.data += 0.1
     train_on(run, policy)
     before = state["front"]["returns"][0][0]
     follow(exhibit, requests, lambda state: state["front"]["returns"][0][0] == before + 1)
-    assert exhibit.robots[0] is robot and robot.steps == steps > 0
+    assert exhibit.robots[0] is robot and robot.player.steps == steps > 0
     seen = robot.player.observation
     robot.step()
     expected = policy(seen, robot.tradeoff)[0]
@@ -344,13 +344,13 @@ def test_twins_start_alike_and_stay_in_step():
             for robot in exhibit.robots:
                 robot.advance(now)
         first, second = exhibit.robots
-        assert first.steps == second.steps > 0
-        np.testing.assert_array_equal(first.data.qpos, second.data.qpos)
+        assert first.player.steps == second.player.steps > 0
+        np.testing.assert_array_equal(first.player.data.qpos, second.player.data.qpos)
 
 
 def test_a_state_that_is_not_finite_is_not_sent(session):
     assert frame_bytes([session]) is not None
-    session.data.xpos[1] = np.nan
+    session.player.data.xpos[1] = np.nan
     assert frame_bytes([session]) is None
 
 

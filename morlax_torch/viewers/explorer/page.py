@@ -133,8 +133,9 @@ class Page:
             self._robot, self._drawn = first.opened, None
             self._about = json.dumps({"type": "run", "about": first.about()})
             self._server.send(self._about)
-        if self._drawn is not first.model:
-            self._drawn, self._model = first.model, model_bytes(first.model)
+        model = first.player.model
+        if self._drawn is not model:
+            self._drawn, self._model = model, model_bytes(model)
             self._server.send(self._model)
         state = {
             "paused": self._paused,

@@ -33,8 +33,7 @@ class Session:
     Callers may set `tradeoff` at any time; a new one acts from the next control step. If the robot
     `follows` its `schedule`, that sets it. `front` is that of the policies, if it was evaluated.
     `opened` are the policies that it began with, the same object for sessions that look alike and
-    can stand side by side. `data` is the current state, of an episode with `steps` so far; a step
-    takes `dt` s. `ghost` is what the robot should be, by its motion.
+    can stand side by side. The `player` holds the current state; another body has another one.
     """
 
     def __init__(self, policy: Policy, front: Front | None):
@@ -42,13 +41,11 @@ class Session:
         self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
         self.schedule: Schedule | None = None
         self.follows = False
-        self.player = player = Player(policy, self.tradeoff)
-        self.model, self.data, self.dt = player.model, player.data, player.env.dt
-        self.ghost = player.ghost
-        self.steps, self._due = 0, 0.0
+        self.player = Player(policy, self.tradeoff)
+        self._due = 0.0
         self._clock: float | None = None
         self.last_episode: dict[str, Any] | None = None
-        self.axes = horizontal(self.model, player.env.base)
+        self.axes = horizontal(self.player.model, self.player.env.base)
         self._acting_on: Weights | Schedule | None = self.tradeoff
         self.opened = policy
         self._directions = np.random.default_rng(0)
@@ -81,10 +78,10 @@ class Session:
 
     def reshape(self, policy: Policy) -> None:
         """Go on with another body of this family, whose front is unknown."""
-        player = Player(policy, self.tradeoff)
-        player.command = self.player.command
-        self.player, self.model, self.data, self.front = player, player.model, player.data, None
-        self._acting_on, self.steps = self.tradeoff, 0
+        command = self.player.command
+        self.player, self.front = Player(policy, self.tradeoff), None
+        self.player.command = command
+        self._acting_on = self.tradeoff
 
     def renew(self, policy: Policy, front: Front) -> None:
         """Let other policies of this family act from the next control step."""
@@ -95,18 +92,18 @@ class Session:
 
         A pace of 1 is real time, and of 0 a pause.
         """
-        elapsed = 0.0 if self._clock is None else now - self._clock
+        elapsed, dt = 0.0 if self._clock is None else now - self._clock, self.player.env.dt
         self._clock = now
         self._due += min(elapsed, MAX_LAG) * pace
-        steps = int(self._due / self.dt + 1e-9)
-        self._due -= steps * self.dt
+        steps = int(self._due / dt + 1e-9)
+        self._due -= steps * dt
         for _ in range(steps):
             self.step()
         return steps
 
     def until_next(self, pace: float) -> float:
         """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
-        return min(max(self.dt - self._due, 0.0) / max(pace, 1e-9), MAX_LAG)
+        return min(max(self.player.env.dt - self._due, 0.0) / max(pace, 1e-9), MAX_LAG)
 
     def step(self) -> None:
         """Take one control step; if the episode is over, start a new one first."""
@@ -116,14 +113,13 @@ class Session:
         if player.over:
             self.last_episode = {
                 "returns": _finite(player.returns),
-                "seconds": self.steps * self.dt,
-                "fell": self.steps < player.env.episode_length,
+                "seconds": player.steps * player.env.dt,
+                "fell": player.steps < player.env.episode_length,
             }
             self.reset()
         player.step()
         if schedule:
             self.tradeoff = tuple(player.tradeoff.tolist())
-        self.steps = player.steps
 
     def reset(self, seed: int | None = None) -> None:
         """Start an episode; those of twins with one seed begin and are disturbed alike."""
@@ -131,7 +127,6 @@ class Session:
             self.player.env.reseed(seed)
             self._directions = np.random.default_rng(seed)
         self.player.reset()
-        self.steps = 0
 
     def push(self) -> None:
         """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
@@ -151,7 +146,7 @@ class Session:
         parameters = policy.agent.designs if self.design else {}
         return {
             "title": title(policy.config.env),
-            "motion": None if self.ghost is None else env.episode_length * env.dt,
+            "motion": None if self.player.ghost is None else env.episode_length * env.dt,
             "command": {"limits": env.command_limits} if env.command_limits else None,
             "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
             **described_task(env),
@@ -159,12 +154,12 @@ class Session:
 
     def told(self) -> dict[str, Any]:
         """Describe its trade-off and its episode."""
-        data = self.data
+        data = self.player.data
         return {
             "tradeoff": self.tradeoff,
             "follows": self.schedule and self.follows,  # null: there is no trade-off over time
             "returns": _finite(self.player.returns),
-            "counted": self.steps,
+            "counted": self.player.steps,
             "ended": self.last_episode,
             # m/s along x and, if it can move there, y
             "velocity": _finite(data.qvel[self.axes]),
@@ -196,13 +191,13 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
 def frame_bytes(sessions: Sequence[Session]) -> bytes | None:
     """Return steps, poses, contacts and ghosts as 32-bit floats; None: they are not finite."""
     parts = [np.array([FRAME], np.int32).tobytes()]
-    for session in sessions:
-        model, data = session.model, session.data
+    for player in (session.player for session in sessions):
+        data = player.data
         if not np.isfinite(data.xpos).all():
             return None
-        arrows = contact_arrows(model, data)
-        ghosts = [] if session.ghost is None else [session.ghost]
-        numbers = [[session.steps, len(arrows), len(ghosts)], data.xpos, data.xquat, arrows]
+        arrows = contact_arrows(player.model, data)
+        ghosts = [] if player.ghost is None else [player.ghost]
+        numbers = [[player.steps, len(arrows), len(ghosts)], data.xpos, data.xquat, arrows]
         numbers += [part for ghost in ghosts for part in (ghost.xpos, ghost.xquat)]
         parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
     return b"".join(parts)
