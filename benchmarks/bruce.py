@@ -182,6 +182,7 @@ def main(
         first.spread.returns[::10],
         np.zeros(len(first.tradeoffs[::10])),
         np.zeros(len(first.policy.objectives)),
+        np.zeros(len(first.tradeoffs[::10])),
     )
     pictures = {
         "pairs": figures.front_figure(front),

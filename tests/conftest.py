@@ -251,7 +251,8 @@ def make_front() -> Callable[[tuple[str, ...]], Front]:
         tradeoffs = np.vstack([np.eye(m), np.full((1, m), 1 / m), [[0.6, *rest]]])
         returns = 100.0 * tradeoffs + 10
         returns[m:] = [[60.0] * m, [40.0] * m]
-        return Front(objectives, tradeoffs, returns, np.full(m + 2, 200), np.zeros(m))
+        lengths, falls = np.full(m + 2, 200), np.zeros(m + 2)
+        return Front(objectives, tradeoffs, returns, lengths, np.zeros(m), falls)
 
     return make
 

@@ -172,7 +172,6 @@ class Evaluator:
         rows = rows.reshape(len(rows), self._seeds, self.number, -1)
         last = len(rows) - 1  # evaluations stop once every episode has ended
         (front,) = self._fronts()
-        assert front.falls is not None
         values = []
         for window in windows:
             start, end = (min(round(seconds / self.period), last) for seconds in window)

@@ -28,7 +28,7 @@ class Front(NamedTuple):
     returns: np.ndarray  # (K, m) sums of rewards, as the protocol counts them
     lengths: np.ndarray  # (K,) control steps until the episode ended
     reference_point: np.ndarray  # (m,)
-    falls: np.ndarray | None = None  # (K,) share of episodes that failed; None: unknown
+    falls: np.ndarray  # (K,) share of episodes that failed
     blowups: np.ndarray | None = None  # (K,) share of episodes that blew up; None: unknown
     quantities: np.ndarray | None = None  # (K, q) means over episodes; None: not measured
     quantity_names: tuple[str, ...] = ()  # with units, such as "power (W)"
@@ -51,7 +51,7 @@ class Front(NamedTuple):
     @property
     def fails(self) -> np.ndarray:
         """(K,) bool: falls in most episodes"""
-        return np.zeros(len(self.returns), bool) if self.falls is None else self.falls > FAILS
+        return self.falls > FAILS
 
     @property
     def non_dominated(self) -> np.ndarray:
@@ -66,8 +66,8 @@ class Front(NamedTuple):
     def indicators(self, reference_front: ArrayLike | None = None) -> dict[str, float]:
         """Compute hypervolume, sparsity, expected utility, cardinality and obedience, by name.
 
-        Adds `fall_rate` and `blowup_rate` if they are known, and `igd_plus` if there is a
-        reference front (n, m). A hypervolume that is not exact is called `hypervolume_approximate`.
+        Adds `fall_rate`, `blowup_rate` if it is known, and `igd_plus` if there is a reference
+        front (n, m). A hypervolume that is not exact is called `hypervolume_approximate`.
         """
         returns = self.returns
         exact = pareto.is_exact(*returns.shape)
@@ -77,9 +77,8 @@ class Front(NamedTuple):
             "expected_utility": pareto.expected_utility(returns, self.tradeoffs),
             "cardinality": pareto.cardinality(returns),
             "obedience": pareto.obedience(returns, self.tradeoffs),
+            "fall_rate": float(self.falls.mean()),
         }
-        if self.falls is not None:
-            indicators["fall_rate"] = float(self.falls.mean())
         if self.blowups is not None:
             indicators["blowup_rate"] = float(self.blowups.mean())
         if reference_front is not None:

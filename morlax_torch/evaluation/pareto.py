@@ -114,14 +114,12 @@ def obeys(
     return result
 
 
-def obedience(
-    points: ArrayLike, tradeoffs: ArrayLike, tolerance: float = OBEDIENCE_TOLERANCE
-) -> float:
+def obedience(points: ArrayLike, tradeoffs: ArrayLike) -> float:
     """Compute the share of trade-offs that obey (see `obeys`).
 
     A family of equal policies obeys trivially: read it beside the hypervolume.
     """
-    return float(obeys(points, tradeoffs, tolerance).mean())
+    return float(obeys(points, tradeoffs).mean())
 
 
 def conflicts(points: ArrayLike) -> NDArray[np.float64]:

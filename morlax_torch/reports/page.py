@@ -250,7 +250,6 @@ def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
 
 
 def front_rows(front: Front) -> list[list]:
-    assert front.falls is not None
     heads = [
         *(f"tradeoff_{name}" for name in front.objectives),
         *(f"return_{name}" for name in front.objectives),

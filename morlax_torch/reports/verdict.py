@@ -45,7 +45,7 @@ def _problem(front: Front) -> str | None:
     remedy = f"{LONGER}, or check that the objectives conflict"
     if best == 0:
         return "No policy has finite returns: check the rewards of the task"
-    if (rate := _fall_rate(front)) > MOST_FALLS:
+    if (rate := float(front.falls.mean())) > MOST_FALLS:
         fail = "Every episode fails" if rate == 1 else f"{100 * rate:.3g} % of the episodes fail"
         return f"{fail}: {LONGER}{_failing_pays(front)}"
     if best < K and best <= max(len(front.objectives), FEW * K):
@@ -85,7 +85,7 @@ def _failing_pays(front: Front) -> str:
     """Add a sentence if returns are negative and episodes can end early."""
     finite = front.returns[np.isfinite(front.returns).all(1)]
     costs = [name for name, most in zip(front.shown, finite.max(0), strict=True) if most < 0]
-    if not costs or _fall_rate(front) == 0:
+    if not costs or not front.falls.any():
         return ""
     return (
         f". All returns of {' and '.join(costs)} are negative and some episodes fail, so failing "
@@ -96,10 +96,6 @@ def _failing_pays(front: Front) -> str:
 def _plain(value: float) -> str:
     """Return a number without an exponent, which options could not read."""
     return np.format_float_positional(value, precision=6, fractional=False, trim="-")
-
-
-def _fall_rate(front: Front) -> float:
-    return 0.0 if front.falls is None else float(front.falls.mean())
 
 
 def _gain(front: Front) -> str:
@@ -117,7 +113,7 @@ def _gain(front: Front) -> str:
         f"{len(returns)} of {len(front.tradeoffs)} policies are non-dominated; from the best "
         f"policy of {names[one]} to that of {names[other]}, {' and '.join(changes)}"
     )
-    rate = _fall_rate(front)
+    rate = float(front.falls.mean())
     return f"{offer}; {100 * rate:.3g} % of the episodes fail" if rate > SOME_FALLS else offer
 
 

@@ -193,8 +193,8 @@ class Chooser:
         return front.values[: len(tradeoffs)]
 
     def _remember(self, tradeoffs: np.ndarray, front: Front) -> None:
-        falls = np.zeros(len(tradeoffs)) if front.falls is None else front.falls
-        self._falls |= dict(zip(map(tuple, tradeoffs.tolist()), falls.tolist(), strict=False))
+        rows = zip(map(tuple, tradeoffs.tolist()), front.falls.tolist(), strict=False)
+        self._falls |= dict(rows)
 
 
 class Candidates:
@@ -359,7 +359,6 @@ def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str
             if name == USUAL:
                 raise
             continue
-        assert front.falls is not None
         results[name] = Trial(front.values[0], float(front.falls[0]), episodes)
     return results
 

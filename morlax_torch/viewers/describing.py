@@ -67,7 +67,6 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
     m, seconds = len(front.objectives), env.dt * env.episode_length
     if front.protocol == "discounted":  # sum of the steps' weights
         seconds = env.dt * (1 - DISCOUNT**env.episode_length) / (1 - DISCOUNT)
-    falls = np.zeros(len(front.returns)) if front.falls is None else front.falls
     finite = np.flatnonzero(np.isfinite(front.values).all(0))
     physical = finite[finite >= m]
     names = (*front.objectives, *front.quantity_names)
@@ -86,7 +85,7 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
         "measured": [measured(int(i)) for i in physical],
         "best": front.non_dominated.tolist(),
         "fails": front.fails.tolist(),
-        "falls": falls.round(4).tolist(),
+        "falls": front.falls.round(4).tolist(),
         "pair": axes[list(pareto.conflicting_pairs(signed)[0])].tolist(),
         "checkpoint": front.checkpoint,
         "fingerprint": front.fingerprint,

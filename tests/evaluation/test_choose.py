@@ -139,7 +139,7 @@ def circle() -> Front:
     angle = np.arctan2(weights, 1 - weights)
     returns = 100 * np.stack([np.sin(angle), np.cos(angle)], 1)
     points = np.stack([weights, 1 - weights], 1)
-    return Front(("run", "save"), points, returns, np.full(11, 9), np.zeros(2))
+    return Front(("run", "save"), points, returns, np.full(11, 9), np.zeros(2), np.zeros(11))
 
 
 @pytest.fixture
@@ -325,8 +325,8 @@ def test_the_search_comes_close_to_a_dense_scan(three, monkeypatch):
     monkeypatch.setattr(Chooser, "_simulate", simulate)
     some, dense = np.arange(0, 20_001, 40), every[::5]
     weights = np.stack([share, 1 - share], 1)[some]
-    lengths, reference = np.ones(len(some)), np.zeros(2)
-    front = Front(("left", "right"), weights, every[some], lengths, reference)
+    lengths, falls = np.ones(len(some)), np.zeros(len(some))
+    front = Front(("left", "right"), weights, every[some], lengths, np.zeros(2), falls)
     chooser = Chooser(load(three), front)
     losses = []
     for _ in range(40):

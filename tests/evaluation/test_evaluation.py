@@ -103,7 +103,7 @@ def test_the_latched_protocol_counts_steps_up_to_the_first_failure(agent):
         front = evaluator.evaluate()
         assert front.returns.tolist() == [[15, 150], [3, 30], [7, 70]]
         assert front.lengths.tolist() == [4, 2, 3]
-        assert front.falls is not None and front.falls.tolist() == [0, 1, 1]
+        assert front.falls.tolist() == [0, 1, 1]
     assert front.objectives == ("run", "jump")
     assert front.reference_point.tolist() == [0.5, 5.0]
     np.testing.assert_array_equal(front.tradeoffs, TRADEOFFS)
@@ -113,7 +113,7 @@ def test_the_latched_protocol_counts_steps_up_to_the_first_failure(agent):
 def test_the_paper_s_protocol_masks_only_the_failed_steps(agent):
     front = Evaluator(agent, Scripted(), TRADEOFFS, "paper").evaluate()
     assert front.returns.tolist() == [[115, 1150], [113, 1130], [103, 1030]]
-    assert front.falls is not None and front.falls.tolist() == [0, 1, 1]
+    assert front.falls.tolist() == [0, 1, 1]
 
 
 def test_the_paper_s_protocol_goes_on_after_all_have_failed(agent, monkeypatch):
@@ -247,6 +247,7 @@ def front() -> Front:
         returns=np.array([[4.0, 1.0], [1.0, 4.0], [1.0, 1.0]]),
         lengths=np.array([500, 80, 7]),
         reference_point=np.array([0.5, 0.0]),
+        falls=np.array([0.0, 0.5, 1.0]),
     )
 
 
@@ -259,10 +260,10 @@ def test_a_front_computes_its_indicators(front):
         "expected_utility": (4 + 4 + 0.3 + 2.8) / 3,
         "cardinality": 2,
         "obedience": 2 / 3,  # the third policy's utility is 1.0, the best available is 3.1
-    }  # no fall_rate, because falls were not recorded
+        "fall_rate": 0.5,
+    }
     assert front.indicators() == pytest.approx(expected)
-    found = front._replace(falls=np.array([0.0, 1.0, 0.5])).indicators([[4, 1], [1, 5]])
-    assert found["fall_rate"] == pytest.approx(0.5)
+    found = front.indicators([[4, 1], [1, 5]])
     assert found["igd_plus"] == pytest.approx((0 + 1) / 2)
 
 
@@ -333,22 +334,21 @@ def test_a_fall_on_the_last_step_counts(agent, protocol):
     env = Scripted()
     env.FAILED = torch.tensor([[False, False, False, failed] for failed in (True, False, False)])
     front = Evaluator(agent, env, TRADEOFFS, protocol).evaluate()
-    assert front.falls is not None and front.falls.tolist() == [1, 0, 0]
+    assert front.falls.tolist() == [1, 0, 0]
 
 
 def test_a_front_can_be_saved_and_loaded(front, tmp_path):
     path = tmp_path / "front.npz"
     front.save(path)
     again = Front.load(path)
-    assert again.objectives == front.objectives and again.falls is None
-    for name in ("tradeoffs", "returns", "lengths", "reference_point"):
+    assert again.objectives == front.objectives and again.blowups is None
+    for name in ("tradeoffs", "returns", "lengths", "reference_point", "falls"):
         np.testing.assert_array_equal(getattr(again, name), getattr(front, name))
     with np.load(path) as arrays:
         assert arrays["non_dominated"].tolist() == [True, True, False]
-        assert "falls" not in arrays
-    front._replace(falls=np.array([0.0, 0.5, 1.0])).save(path)
-    again = Front.load(path)
-    assert again.falls is not None and again.falls.tolist() == [0, 0.5, 1]
+        assert "blowups" not in arrays
+    front._replace(blowups=np.array([0.0, 0.5, 1.0])).save(path)
+    assert Front.load(path).blowups.tolist() == [0, 0.5, 1]
     with pytest.raises(MorlaxError, match="cannot write"):
         front.save(tmp_path / "nowhere" / "front.npz")
 

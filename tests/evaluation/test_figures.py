@@ -160,7 +160,7 @@ def test_representatives_are_the_extremes_the_knee_and_the_balanced_policy():
     returns = [[0, 100], [80, 90], [100, 0], [45, 91], [40, 40]]
     tradeoffs = [[0, 1], [0.7, 0.3], [1, 0], [0.2, 0.8], [0.5, 0.5]]
     arrays = np.array(tradeoffs), np.array(returns, dtype=float)
-    some = Front(NAMES[:2], *arrays, np.ones(5), np.zeros(2))
+    some = Front(NAMES[:2], *arrays, np.ones(5), np.zeros(2), np.zeros(5))
     names = {2: "best run", 0: "best energy", 1: "knee", 4: "balanced"}
     assert representatives(some) == names
     one = some._replace(returns=np.ones((5, 2)))

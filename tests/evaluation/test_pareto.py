@@ -89,8 +89,8 @@ def sphere(number: int, m: int) -> np.ndarray:
 def named(points: np.ndarray) -> dict[str, float]:
     m = points.shape[1]
     tradeoffs = np.full_like(points, 1 / m)
-    lengths = np.full(len(points), 500)
-    return Front(tuple("abcdef"[:m]), tradeoffs, points, lengths, np.zeros(m)).indicators()
+    lengths, falls = np.full(len(points), 500), np.zeros(len(points))
+    return Front(tuple("abcdef"[:m]), tradeoffs, points, lengths, np.zeros(m), falls).indicators()
 
 
 def test_the_hypervolume_of_many_points_in_five_objectives_is_marked_approximate():
@@ -111,7 +111,7 @@ def test_the_hypervolume_of_fewer_points_or_objectives_is_exact(number, m):
     exact = moocore.hypervolume(points, ref=np.zeros(m), maximise=True)
     indicators = named(points)
     assert indicators["hypervolume"] == pytest.approx(exact, rel=1e-12)
-    others = ["sparsity", "expected_utility", "cardinality", "obedience"]
+    others = ["sparsity", "expected_utility", "cardinality", "obedience", "fall_rate"]
     assert list(indicators)[1:] == others  # not hypervolume_approximate
 
 

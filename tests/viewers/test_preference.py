@@ -15,7 +15,7 @@ def line() -> Front:
     returns = np.array([[0.0, 30.0], [1.0, 20.0], [2.0, 10.0], [3.0, 0.0], [0.5, 0.5]])
     weights = np.linspace(0, 1, 5)
     tradeoffs = np.stack([weights, 1 - weights], 1)
-    return Front(("run", "save"), tradeoffs, returns, np.full(5, 9), np.zeros(2))
+    return Front(("run", "save"), tradeoffs, returns, np.full(5, 9), np.zeros(2), np.zeros(5))
 
 
 def regrets(name: str, users: int) -> list[float]:
