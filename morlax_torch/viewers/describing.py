@@ -39,6 +39,7 @@ def described_task(env: Robot) -> dict[str, Any]:
         "objectives": list(env.objectives),
         "titles": [env.titles.get(name, name) for name in env.objectives],
         "notes": [explain(env, name) for name in env.objectives],
+        "command": {"limits": env.command_limits} if env.command_limits else None,
         # whether the command begins with velocities in m/s, forward and to the left
         "velocities": len(names) == 2 and all(name.startswith(VELOCITIES) for name in names),
         "followed": env.base,

@@ -147,7 +147,6 @@ class Session:
         return {
             "title": title(policy.config.env),
             "motion": None if self.player.ghost is None else env.episode_length * env.dt,
-            "command": {"limits": env.command_limits} if env.command_limits else None,
             "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
             **described_task(env),
         }

@@ -221,15 +221,14 @@ def start(policy: Policy) -> bytes:
 def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
     """Describe a task and its graphs for the page."""
     many = STARTS if len(env.starts.states[0]) > 1 else 1
-    command = None
+    task = described_task(env)
     if env.command_limits:
-        command = {
+        task["command"] |= {
             "offset": env.command.storage_offset(),  # where the state named "command" has it
-            "limits": {name: list(limits) for name, limits in env.command_limits.items()},
             "initial": _numbers(env.command[0]),
         }
     return {
-        **described_task(env),
+        **task,
         "substeps": env.substeps,
         "observation_size": env.observation_size,
         "action_size": env.action_size,
@@ -247,7 +246,6 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
             | {name: _numbers(values) for name, values in traced.state.items()}
             for _ in range(many)
         ],
-        "command": command,
         "push": PUSH,
     }
 
