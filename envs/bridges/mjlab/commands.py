@@ -102,7 +102,7 @@ class Motion:
         weights = term.bin_failed_count + term.cfg.adaptive_uniform_ratio / total
         later = weights[-1:].expand(size - 1)
         weights = (torch.cat([weights, later]).unfold(0, size, 1) * term.kernel).sum(1)
-        place, within = torch.rand(len(worlds), 2, device=weights.device).unbind(1)
+        place, within = weights.new_empty(len(worlds), 2).uniform_().unbind(1)
         ends = weights.cumsum(0)
         bins = torch.searchsorted(ends, place * ends[-1]).clamp(max=total - 1)
         frames = (bins + within) / total * (term.motion.time_step_total - 1)
