@@ -17,7 +17,7 @@ COMMANDS = {
     "train": "train one hypernetwork to hold a whole Pareto front",
     "evaluate": "measure the fronts of trained runs",
     "choose": "find the trade-off that meets a requirement",
-    "design": "find the body and the trade-off that serve best",
+    "design": "find the best body and trade-off",
     "explore": "steer a robot live in the browser",
     "record": "film a robot under several trade-offs",
     "export": "write a policy to a file that runs without this package",

@@ -81,7 +81,7 @@ class Reflection(NamedTuple):
 
 
 class Mirror(NamedTuple):
-    """The reflections of a robot whose left and right are alike."""
+    """The reflections of a left-right symmetric robot."""
 
     observation: Reflection  # of the O + P features that critics see
     action: Reflection  # of the A numbers
@@ -103,7 +103,7 @@ def _cannot(reason: str) -> MorlaxError:
 
 
 def check(model: mujoco.MjModel, tolerance: float = 0.0, *, scene: bool = True) -> Motion:
-    """Return the reflections of a model's state and control, if its left and right are alike.
+    """Return the reflections of a left-right symmetric model's state and control.
 
     Numbers may differ by `tolerance`, a share of the largest such number of the robot; 0 accepts
     only rounding. `scene`: whether to compare geoms that cannot move, too.

@@ -1,4 +1,4 @@
-"""Find the body of a robot, and the trade-off, that serve best."""
+"""Find the best body of a robot, and the best trade-off."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -28,7 +28,7 @@ class Evaluate(Trusting):
     the median and quartiles of each indicator.
     """
 
-    runs: Annotated[tuple[str, ...], Positional, arg(metavar="RUN ...")]
+    runs: Annotated[tuple[str, ...], Positional, arg(metavar="RUN ...", help_behavior_hint="")]
     """Run folders (runs/TASK or latest: the newest run), checkpoint files, or shipped policies; one
     or more."""
     tradeoffs: int | None = None

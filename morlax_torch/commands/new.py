@@ -16,7 +16,7 @@ from .terminal.process import typed
 
 
 class New(Section):
-    """Write a task file for your own robot, which trains at once.
+    """Write a task file for your own robot, ready to train.
 
     Robots that can fall get speed along x against energy saved; others reach for random targets
     with an end effector. Then edit the file: comments say what its numbers mean.

@@ -21,7 +21,7 @@ class Pack(Trusting):
     each objective. A static web server is enough: python -m http.server -d FOLDER.
     """
 
-    runs: Annotated[tuple[str, ...], Positional, arg(metavar="RUN ...")]
+    runs: Annotated[tuple[str, ...], Positional, arg(metavar="RUN ...", help_behavior_hint="")]
     """Run folders (their best checkpoints), checkpoints or shipped policies; without --web one of
     them, and then a new folder."""
     web: Annotated[Path | None, arg(metavar="FOLDER")] = None

@@ -27,7 +27,7 @@ class Play(Section):
     export: Annotated[Path, Positional, arg(metavar="EXPORT")]
     """Folder in which morlax export wrote deploy.yaml, or the policy's .onnx there."""
     episodes: int | None = None
-    """Run so many episodes as fast as possible, and print a table of falls, tracking errors and
+    """Run this many episodes as fast as possible, and print a table of falls, tracking errors and
     power."""
     tour: bool = False
     """Score a policy of mjlab:Mjlab-Tour-Flat-Unitree-G1 by the rules of the public

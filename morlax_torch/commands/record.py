@@ -44,8 +44,8 @@ class Record(OfRun):
     sweep: bool = False
     """Film one robot whose trade-off moves along the front, beside the front."""
     training: bool = False
-    """Film how the front and its hypervolume grew in training, beside the trained robot (with no
-    trade-off, under both plotted objectives alone)."""
+    """Film how the front and its hypervolume grew in training, beside the trained robot (without
+    --tradeoff, under each plotted objective alone)."""
 
 
 def command(arguments: Sequence[str]) -> None:

@@ -48,7 +48,7 @@ class Config(Section):
     """What learns the front: MORLAX, hyper-sac (few steps), or a baseline of docs/algorithms.md."""
     scalarization: str = "linear"
     """How a trade-off turns returns into one utility: linear (a weighted sum), chebyshev,
-    augmented-chebyshev, constrained:OBJECTIVE (at least so much of one objective), or
+    augmented-chebyshev, constrained:OBJECTIVE (a required level of one objective), or
     FILE.py:FUNCTION for your own (docs/algorithms.md)."""
     start_from: str | None = None
     """Start with the policies of this run, which may have fewer objectives: a folder, a checkpoint

@@ -28,15 +28,15 @@ class SamplingConfig(Section):
     alpha: float = Field(default=1.0, ge=1e-3, le=1e6)
     """Concentration of the Dirichlet distribution; 1 is uniform on the simplex."""
     cells: bool = False
-    """Draw the trade-offs beside the corners from one cell each of an even grid, not from that
-    distribution: evenly, but more often near corners. Has no effect with dense sampling, or with
-    fewer of them than objectives."""
+    """Draw each trade-off beside the corners from its own cell of an even grid, not from that
+    distribution: evenly, with more samples near the corners. Has no effect with dense sampling, or
+    fewer such trade-offs than objectives."""
     designs: Annotated[int, Field(ge=0, le=100_000)] = 0
     """Number of bodies to train with, of robots with design parameters; each cluster has one for an
     episode's length (0: the one body of task.design)."""
     focus: tuple[NonNegativeFloat, ...] | None = None
-    """Trade-off that training starts with, and the share of training after which all are drawn,
-    such as 0 0 1 0.5: until then, draws spread from it (None: all are drawn from the start)."""
+    """Trade-off that training starts with, and the share of training after which all trade-offs are
+    sampled, such as 0 0 1 0.5: until then, samples spread from it (None: all from the start)."""
 
 
 class NetworkConfig(Section):
@@ -62,8 +62,8 @@ class NetworkConfig(Section):
     """Smooth limit of the standard deviation (None: no limit). A small one keeps policies from
     gambling between two behaviors, which concave fronts reward."""
     symmetric: bool = False
-    """Answer mirrored observations by mirrored actions, and give them the same value; for robots
-    whose left and right are alike, in worlds that know how they look in a mirror."""
+    """Answer mirrored observations by mirrored actions, and give them the same value; for
+    left-right symmetric robots."""
     symmetry_tolerance: float = Field(default=0.0, ge=0, le=1)
     """Largest difference between left and right of the robot's model that network.symmetric
     accepts, as a share of the largest such number of the robot (0: none, apart from rounding)."""
@@ -128,7 +128,7 @@ class EvaluationConfig(Section):
     random draws for more; with another protocol than latched, random draws."""
     seeds: int = Field(default=1, ge=1, le=100_000)
     """Episodes per trade-off, to average over; for tasks with random starts, models or commands.
-    There, as many others choose the best checkpoint."""
+    Such tasks pick the best checkpoint on a second set of episodes of the same size."""
     designs: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of bodies to evaluate with, if sampling.designs is not 0: that of task.design, and
     others that training may not have seen. Indicators are means over them."""
@@ -145,7 +145,7 @@ class HyperMORLOptions(MethodOptions):
 
 
 class RslRlOptions(MethodOptions):
-    """What the networks of `ParetoPPO` have that others have not."""
+    """Options of the networks of `ParetoPPO`."""
 
     activation: Annotated[str, Field(pattern=r"^\w+$")] = "ELU"
     """Class of torch.nn of the actors' activations."""

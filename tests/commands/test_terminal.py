@@ -53,6 +53,7 @@ def test_the_help_of_every_command_fits_and_names_the_command(name, monkeypatch,
     text = capsys.readouterr().out
     assert_fits(text.splitlines())
     assert text.startswith(f"usage: morlax {name} ")
+    assert "(default: None)" not in text and "(default: )" not in text  # texts say what None means
     for option in SHOWN.get(name, ()):
         assert option in text
     if name == "train":

@@ -1,4 +1,4 @@
-"""Policies of robots whose left and right are alike."""
+"""Policies of left-right symmetric robots."""
 
 import re
 from collections.abc import Callable

@@ -113,6 +113,8 @@ def _plain_values(info: constructors.StructTypeInfo) -> constructors.StructConst
         if default is PydanticUndefined:
             default = tyro.MISSING
         kind: Any = field.rebuild_annotation()
+        if default is None or default == {}:  # texts say what that means
+            kind = Annotated[kind, arg(help_behavior_hint="")]
         fields.append(constructors.StructFieldSpec(name, kind, default, text_of(info.type, name)))
     if issubclass(info.type, Trusting):
         fields.sort(key=lambda field: field.name in Trusting.model_fields)
