@@ -208,7 +208,6 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "--over-time": "takes a minute; test_over_time.py searches with less",
     "tradeoff_over_time.yaml": "needs the result of a search; test_over_time.py films one",
     "morlax design": "needs a run with designs; test_designs.py searches one",
-    "--body thigh": "needs a run with designs; test_designs.py films one",
     "morlax explore": "a server; .ci/smoke.py starts it",
     "runs/go1": "needs mjlab; test_mjlab.py trains",
     "runs/jazz": "needs mjlab; test_tracking.py trains",
