@@ -50,5 +50,5 @@ def take_options(algorithm: dict[str, Any]) -> ParetoOptions:
     values = {name: algorithm.pop(name) for name in ParetoOptions.model_fields if name in algorithm}
     values = {name: value for name, value in values.items() if value not in UNSET}
     if path := os.environ.get(FILE):
-        values |= read_yaml(path, "options of ParetoPPO", "tradeoffs: 32")
+        values |= read_yaml(path, f"{FILE} file", "tradeoffs: 32")
     return validated(ParetoOptions, values)

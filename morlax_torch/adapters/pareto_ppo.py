@@ -101,6 +101,10 @@ class ParetoPPO(PPO):
         except ValueError as error:
             raise MorlaxError(f"{error}.") from None
         worlds, m, K = env.num_envs, len(names), options.tradeoffs
+        for name in ("focus", "reference_point"):
+            if (point := getattr(options, name)) and len(point) != m:
+                numbers = f"{m} numbers ({', '.join(names)})"
+                raise MorlaxError(f"{name} needs {numbers}, not {len(point)}.")
         focus = one_tradeoff(options.focus or [1.0] * m, names, torch.device("cpu"))
         front, rewards = None, bind
         if worlds < K + options.evaluation_worlds:  # to play
@@ -117,7 +121,12 @@ class ParetoPPO(PPO):
         actor, critic = model("actor", env.num_actions), model("critic", m)
         if shown := os.environ.get(TRADEOFF):
             if shown == "all":
-                tradeoffs = even_tradeoffs(max(worlds, m), m)
+                if worlds < m:
+                    raise MorlaxError(
+                        f"{TRADEOFF}=all shows one trade-off per world, and needs at least {m}: "
+                        f"take more than {worlds}, such as mjlab's --num-envs 16."
+                    )
+                tradeoffs = even_tradeoffs(worlds, m)
             else:
                 tradeoffs = torch.tensor([parse_tradeoff(shown, names)], dtype=torch.float32)
             actor.shown = critic.shown = tradeoffs.to(device)

@@ -182,6 +182,8 @@ def test_a_play_script_shows_the_tradeoffs_that_the_environment_names(trained, m
         for _ in range(3):
             env.step(policy(env.get_observations()))
     assert env.position[0].sum() < env.position[2].sum() < env.position[4].sum()
+    with pytest.raises(MorlaxError, match="one trade-off per world, and needs at least 2"):
+        make(Points(1))
 
 
 def test_training_resumes_and_starts_from_a_plain_checkpoint(trained, tmp_path):
@@ -302,7 +304,8 @@ def test_a_function_reads_the_terms_of_any_other_host():
         ({"objectives": {"a": {"effort": 1.0}}}, "at least two objectives"),
         ({"rnd_cfg": {"weight": 1.0}}, "remove rnd_cfg"),
         ({"tradeofs": 8}, "tradeofs"),
-        ({"focus": (1.0, 0.0, 0.0)}, "needs 2 numbers \\(tracking, saving\\)"),
+        ({"focus": (1.0, 0.0, 0.0)}, "focus needs 2 numbers \\(tracking, saving\\), not 3"),
+        ({"reference_point": (-9.0,)}, "reference_point needs 2 numbers .*, not 1"),
     ],
 )
 def test_wrong_options_are_one_sentence(options, message):
