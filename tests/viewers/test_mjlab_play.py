@@ -12,6 +12,7 @@ from tiny import FEW, tiny
 from morlax_torch import load
 from morlax_torch.commands import export
 from morlax_torch.train import train
+from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.playing.episodes import Policy, run, summary
 from morlax_torch.viewers.playing.robot import Disturbances, Robot, open_export
 
@@ -50,6 +51,20 @@ def test_every_step_equals_one_of_mjlab(exported, name):
         groups, *_ = env.step(torch.tensor(config.task.action_scale * expected[None]).float())
         seen = groups["actor"]
     assert robot.velocity()[0] > 0.4  # it walks: the comparison is not one of two heaps
+
+
+def test_a_robot_walks_on_after_the_time_limit():
+    paths = []
+    for limit in (1000, 10):
+        policy, path = load("go1", "cpu"), []
+        task = policy.config.task.model_copy(update={"episode_length": limit})
+        policy.config = policy.config.model_copy(update={"task": task})
+        player = Player(policy, [1.0] * len(policy.objectives))
+        for _ in range(20):
+            player.step()
+            path.append([*player.data.qpos, *player.returns.tolist()])
+        paths.append(path)
+    np.testing.assert_array_equal(*paths)
 
 
 def test_a_robot_without_the_base_s_velocity_remembers_as_in_training(tmp_path):

@@ -18,6 +18,8 @@ from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.envs.bridges.mjlab.worlds import build, load
 from morlax_torch.train import train
 from morlax_torch.viewers.explorer.session import Session, frame_bytes
+from morlax_torch.viewers.filming.recording import Take
+from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.playing.episodes import Policy, run
 from morlax_torch.viewers.playing.following import HOLD, robot_for
 from morlax_torch.viewers.playing.robot import open_export
@@ -133,6 +135,24 @@ def test_a_ghost_on_the_page_is_at_the_phase_of_the_robot(exported):
         ghost = numbers[-7 * model.nbody :]
         np.testing.assert_allclose(ghost, [*data.xpos.flat, *data.xquat.flat], atol=1e-5)
         session.step()
+
+
+def test_a_robot_stays_as_its_episode_ended(exported):
+    take = Take(Player(load_policy(str(exported[TASK].parent / "run"), "cpu"), [1.0] * 7), 95, 65)
+    player, env = take.player, take.player.env
+    env.motion.reset_to_frame(torch.arange(1), 36)
+    env.motion.time_steps += 1
+    env.age.fill_(36)
+    while not take.done:
+        take.step()
+    assert player.steps == 3 and not take.failed
+    np.testing.assert_allclose(player.ghost.qpos, squat(SECONDS)[39], atol=1e-6)
+    np.testing.assert_allclose(player.data.qpos[7:], squat(SECONDS)[39, 7:], atol=0.3)  # rad
+    take.reset()
+    np.testing.assert_allclose(player.ghost.qpos, squat(SECONDS)[0], atol=1e-6)
+    env.physics.qpos[0, 2] -= 0.3  # m
+    take.step()
+    assert take.failed and player.data.qpos[2] < 0.6
 
 
 def test_a_motion_that_is_missing_or_another_robot_s_is_one_sentence(exported, refused):

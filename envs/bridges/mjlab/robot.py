@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...worlds.interface import TimeStep
 from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .worlds import MjlabWorlds, from_task
 
@@ -48,8 +49,15 @@ def robot_of(name: str) -> type["MjlabRobot"]:
 class MjlabRobot(MjlabWorlds, Robot):
     """Worlds of mjlab on the CPU whose command stays as it is until someone changes it.
 
-    An episode is a whole motion, if one is followed.
+    An episode is a whole motion, if one is followed. A robot stays as its episode ended until it is
+    restarted, so that viewers show its fall, and goes on after a time limit, as in films.
     """
+
+    restarts = False
+
+    def step(self, action: Tensor) -> TimeStep:
+        self._over[1] = False
+        return super().step(action)
 
     def _open(self, seed: int) -> None:
         self.options = self.options.model_copy(update={"robust": False})  # the robot as it is built
@@ -108,7 +116,9 @@ class MjlabRobot(MjlabWorlds, Robot):
         if (command := self.motion) is None:
             return None
         pose, motion = self.physics.qpos[0].clone(), command.motion
-        frame = command.time_steps[0].sub(1).clamp(min=0)  # the command is the next one
+        frame = command.time_steps[0]
+        if not self._over.any():
+            frame = frame.sub(1).clamp(min=0)  # the command is the next one
         indexing = command.robot.indexing
         root = motion.body_pos_w[frame, 0], motion.body_quat_w[frame, 0]
         pose[indexing.free_joint_q_adr] = torch.cat(root)

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 from ...worlds.episodes import refill
-from .commands import COMMANDS
+from .commands import COMMANDS, Motion
 
 PUSH = "push_by_setting_velocity"
 EVENTS = "reset_root_state_uniform", "reset_joints_by_offset", PUSH, "randomize_terrain"
@@ -28,10 +28,10 @@ Groups = dict[str, Tensor]  # of observations, (N, ...) each
 
 
 class MaskedStep:
-    """Steps and restarts worlds of mjlab whose config is `supported`."""
+    """Steps worlds of mjlab whose config is `supported`, and restarts them if it `restarts`."""
 
-    def __init__(self, env: Any, groups: tuple[str, ...]):
-        self.env, self.groups = env, groups
+    def __init__(self, env: Any, groups: tuple[str, ...], restarts: bool = True):
+        self.env, self.groups, self.restarts = env, groups, restarts
         self.slots: list[tuple[dict[Any, Any], Any, Tensor]] = []  # holder, key, tensor
         self.everyone = torch.arange(env.num_envs, device=env.device)
         manager = env.command_manager
@@ -69,7 +69,12 @@ class MaskedStep:
             env.reward_buf = env.reward_manager.compute(dt=env.step_dt)
             self._disturb()
             ending = self._observe()
-            self._restart(over)
+            if self.restarts:
+                self._restart(over)
+            elif not over.any():  # else a motion stays where the episode ended
+                for command in self.commands:
+                    if isinstance(command, Motion):
+                        command.restart(over)
             sim.forward()
             for command in self.commands:
                 command.pass_time(torch.where(over, 0.0, env.step_dt).float())

@@ -105,6 +105,7 @@ class MjlabWorlds(ForeignWorlds):
     options: MjlabOptions
     simulator = "mjlab"
     needs_gpu = True
+    restarts = True  # in the step that ends an episode, whether or not a caller restarts them
 
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)
@@ -131,7 +132,7 @@ class MjlabWorlds(ForeignWorlds):
         elif MOTION in terms and following.end_effectors(self.env.cfg):
             self._measures = following.Following(self.env, terms[MOTION])
             self.quantities = self.lower_is_better = following.QUANTITIES
-        self._step = MaskedStep(self.env, self.groups) if masked else None
+        self._step = MaskedStep(self.env, self.groups, self.restarts) if masked else None
 
     def _remember(self) -> None:
         manager, (actor, *_) = self.env.observation_manager, self.groups
@@ -200,9 +201,11 @@ class MjlabWorlds(ForeignWorlds):
             recorder = env.recorder_manager.get_term(ENDINGS)
             before, recorder.groups = recorder.groups, None
         last = values
-        if before is not None:  # some worlds have restarted
+        stays = self._step is not None and not self.restarts
+        if before is not None and not stays:  # some worlds have restarted
             last = torch.where(over[:, None], self._joined(before), values)
-        final, seen = self._history.after(last), self._history.append(values, over)
+        restarted = torch.zeros_like(over) if stays else over
+        final, seen = self._history.after(last), self._history.append(values, restarted)
         if waits:
             seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
         terms = env.reward_manager._step_reward * self._time_step

@@ -31,7 +31,7 @@ from .rendering import Scene, check_size
 
 LONGEST = 3600.0  # simulated seconds of a film
 MOST_PICTURES = 100
-LINGER = 1.0  # seconds that a film continues after every robot has failed
+LINGER = 1.0  # seconds that a film continues after every robot is done
 MARK = 9  # pixels from the middle of a sweep's mark to its edge, on a panel of 360 lines
 # The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
 _ENCODERS = {
@@ -54,7 +54,8 @@ class Film:
 
     With `bodies`, by design parameters, there is a panel for each trade-off of each body. A robot
     that fails is frozen and dimmed, with the returns of its episode. A film ends a second after the
-    last robot has failed, whatever the episode length. `record` describes the arguments.
+    last robot has failed or its motion has ended, whatever the episode length otherwise. `record`
+    describes the arguments.
     """
 
     endless = False  # whether robots start again after each episode
@@ -105,14 +106,14 @@ class Film:
                 for take, _ in product(takes, range(stride if step else 0)):
                     if self.endless and (take.failed or take.player.over):
                         take.reset()
-                    if not take.failed:
+                    if not take.done:
                         take.step()
                 farthest = max(take.distance for take in takes)
                 pairs = zip(takes, scenes, strict=True)
                 robots = [take.panel(scene, farthest) for take, scene in pairs]
                 yield self._arranged(robots, step / steps)
                 last = max(take.player.steps for take in takes)
-                over = all(take.failed for take in takes) and not self.endless
+                over = all(take.done for take in takes) and not self.endless
                 if over and (step - last) * self.dt >= LINGER:
                     return
 
@@ -179,6 +180,11 @@ class Take:
         self._camera.follow(self.player.data, self.player.env.dt)
 
     @property
+    def done(self) -> bool:
+        """Whether the robot has failed, or the motion that it follows has ended."""
+        return self.failed or (self.player.ghost is not None and self.player.over)
+
+    @property
     def distance(self) -> float:
         """Of the camera; 0 once the robot has failed."""
         return 0.0 if self.failed else self._camera.camera.distance
@@ -203,7 +209,7 @@ class Take:
         """Run an episode of so many steps, and return the angles of the robot's hinges (T, J)."""
         self.reset()
         states, self._ghosts = [self.player.data.qpos.copy()], [self.player.env.ghost()]
-        while self.player.steps < steps and not self.failed:
+        while self.player.steps < steps and not self.done:
             self.step()
             states.append(self.player.data.qpos.copy())
             self._ghosts.append(self.player.env.ghost())
