@@ -46,6 +46,7 @@ class Worlds(ABC):
     simulator: str  # name of the simulator
     options: ObjectiveOptions
     episode_length: int
+    follows_part: bool = False  # episodes are parts of a motion, and start anywhere in it
     dt: float = math.inf  # seconds of a control step; infinite: unknown
     observation_size: int
     privileged_size: int = 0  # P, the number of features that only critics see

@@ -59,6 +59,11 @@ class Scheduler:
         self._duration = env.dt * env.episode_length
         if not np.isfinite(self._duration):
             raise MorlaxError(f"{policy.config.env} does not tell how long a control step takes.")
+        if env.follows_part:
+            raise MorlaxError(
+                "the run's episodes are parts of its motion, whose phase a trade-off over time "
+                "follows: train with --task.episode-length, the motion's control steps less one."
+            )
         self._windows: dict[str, tuple[int, float, float]] = {}  # value, start, end by name
         named = [{self._name(name): x for name, x in levels.items()} for levels in (least, most)]
         maximize = self._name(maximize)

@@ -85,6 +85,7 @@ def test_a_foot_that_takes_the_whole_weight_in_one_step_is_an_impact_of_one(moti
 
 def test_evaluated_episodes_of_every_trade_off_start_at_the_same_frames(motion):
     env = make(motion, 32)
+    assert env.follows_part and not make(motion, episode_length=99).follows_part
     command = env.env.command_manager.get_term("motion")
     env.share_draws(torch.arange(32) % 8, 8)
     seen = env.reset().reshape(4, 8, -1)

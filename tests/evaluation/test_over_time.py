@@ -111,6 +111,11 @@ def test_a_mistake_is_refused_in_one_sentence(words, sentence, cheetah, refused)
     assert sentence in refused(choose, cheetah, "--over-time", *words, "--device", "cpu")
 
 
+def test_a_part_of_a_motion_is_refused(cheetah, refused, monkeypatch):
+    monkeypatch.setattr(envs.Worlds, "follows_part", True)
+    assert "episodes are parts of its motion" in refused(choose, cheetah, "--over-time", *UTILITY)
+
+
 def test_a_window_needs_a_trade_off_over_time_and_a_file_its_objectives(cheetah, refused, tmp_path):
     assert "needs --over-time" in refused(choose, cheetah, *UTILITY)
     file = tmp_path / "x.yaml"

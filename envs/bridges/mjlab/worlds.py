@@ -131,6 +131,7 @@ class MjlabWorlds(ForeignWorlds):
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
         elif MOTION in terms and following.end_effectors(self.env.cfg):
             self._measures = following.Following(self.env, terms[MOTION])
+            self.follows_part = self.episode_length < terms[MOTION].motion.time_step_total - 1
             self.quantities = self.lower_is_better = following.QUANTITIES
         self._step = MaskedStep(self.env, self.groups, self.restarts) if masked else None
 
