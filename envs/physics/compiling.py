@@ -3,9 +3,11 @@
 Warp itself compiles them one by one. Threads take half as long again as processes on a GPU.
 """
 
+import gc
 import os
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -54,10 +56,13 @@ def start(run: Callable[[], object]) -> None:
 
 
 def finish() -> None:
-    """Wait for the background processes."""
+    """Wait for the background processes, but no longer than `MOST_SECONDS`."""
     try:
+        end = time.monotonic() + MOST_SECONDS
         for process, _ in _running:
-            process.join(MOST_SECONDS)
+            # `join` would ignore a time limit: the process has closed the file that it waits for
+            while process.is_alive() and time.monotonic() < end:
+                time.sleep(0.005)
     finally:
         while _running:
             process, _ = _running.pop()
@@ -78,6 +83,7 @@ def _is_missing(variant: Variant) -> bool:
 
 def _compile(variants: list[Variant], taken: Any) -> None:
     """Compile variants that no other process has taken, without CUDA, and end this process."""
+    gc.disable()  # garbage of the parent may wait for threads that this process does not have
     silent = os.open(os.devnull, os.O_RDWR)
     for standard in range(3):
         os.dup2(silent, standard)

@@ -1,15 +1,20 @@
 """What a command imports, when, and the kernels that are compiled before the first step."""
 
+import gc
 import os
+import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import programs
 import pytest
+import warp as wp
 from tiny import TYPED
 
 from morlax_torch.__main__ import COMMANDS
+from morlax_torch.envs.physics import compiling
 
 HEAVY = {"torch", "warp", "mujoco", "matplotlib", "moocore", "websockets", "tensorboard", "onnx"}
 TINY = ("--env", "cheetah", *TYPED, "--output", "run")
@@ -151,3 +156,30 @@ def test_warp_compiles_in_other_processes_before_the_first_step(task, device, tm
     assert done.returncode == 0, done.stderr
     ahead, later, times = map(int, done.stdout.split())
     assert ahead > 20 and later == 0 and times == 1
+
+
+class Module:
+    """Stands in for one of Warp's that two processes compile; the second never ends."""
+
+    def resolve_options(self, config: object, block: int) -> None:
+        pass
+
+    def _compile(self, device: object, options: object) -> None:
+        counter.value += 10 * gc.isenabled()
+        while counter.value > 1:
+            time.sleep(1)
+
+
+counter = compiling._fork.Value("i", 0)
+
+
+def test_processes_that_compile_collect_no_garbage_and_are_not_waited_for_forever(monkeypatch):
+    wp.init()
+    monkeypatch.setattr(compiling, "MOST_SECONDS", 1.0)
+    variants = [(Module(), "cpu", 1)] * 2
+    process = compiling._fork.Process(target=compiling._compile, args=(variants, counter))
+    process.start()
+    compiling._running.append((process, counter))
+    compiling.finish()
+    # what the parent left may wait for threads that only the parent has
+    assert counter.value == 2 and process.exitcode == -signal.SIGKILL

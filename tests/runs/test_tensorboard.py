@@ -25,6 +25,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "training.md"
 LONG = {"max_env_steps": 320, "evaluation.every": 160}
 OTHERS = (
     {"ppo.optimizer": "joint", "ppo.critic": "scalar", "target": 1e5},
+    {"algorithm": "hyper-sac"},
     {"scalarization": "constrained:run"},
 )
 PLACEHOLDERS = {"OBJECTIVE": ("run", "jump"), "LEVEL": ("0", "0.25", "0.5", "0.75", "1")}
