@@ -1,5 +1,7 @@
 """Find what a recorded graph cannot hold, without a GPU."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,9 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from morlax_torch import MORLAX
 from morlax_torch.configuration.config import Config
+from morlax_torch.envs.bridges.mjlab.step import MaskedStep
 from morlax_torch.evaluation.evaluator import make_evaluator
+from morlax_torch.gpu.graph import Graph
 from morlax_torch.networks import hypernetwork
 
 
@@ -47,3 +51,19 @@ def check_recordable(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
         learner._explore()
         learner._learn()
         evaluator._some_steps()
+
+
+def check_recorded_step(own: Any, ours: Any, steps: int, generator: torch.Generator) -> None:
+    """Fail unless our recorded step follows mjlab's own, in two environments of one state."""
+    step, seen = MaskedStep(ours, ("actor",)), torch.zeros_like(own.obs_buf["actor"])
+    action = seen.new_zeros(own.num_envs, own.action_manager.total_action_dim)
+    graph = Graph(lambda: seen.copy_(step(action)[0]["actor"]), seen.device)
+    graph.record()  # takes one step
+    own.step(action)
+    for number in range(steps):
+        action.copy_(0.2 * torch.randn(action.shape, generator=generator))
+        graph()
+        groups, *_ = own.step(action)
+        assert torch.equal(own.episode_length_buf, ours.episode_length_buf)
+        if number < 5:  # then chaos has made sums of another order visible
+            torch.testing.assert_close(groups["actor"], seen, rtol=0.01, atol=0.01)

@@ -15,7 +15,7 @@ import pytest
 import torch
 from calm import calm
 from peers import check_run
-from recordable import NoCopies, NoSync, check_recordable
+from recordable import NoCopies, NoSync, check_recordable, check_recorded_step
 from same import csv_rows
 from tiny import FEW, tiny
 
@@ -27,7 +27,6 @@ from morlax_torch.envs.bridges.mjlab import worlds
 from morlax_torch.envs.bridges.mjlab.mirror import mirror_of
 from morlax_torch.envs.bridges.mjlab.step import MaskedStep
 from morlax_torch.exports.exporting import export
-from morlax_torch.gpu.graph import Graph
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import load_front
 from morlax_torch.train import train
@@ -431,18 +430,7 @@ def test_a_recorded_step_follows_mjlab_s(name, generator, monkeypatch):
     own, ours = (calm(name, 3, "cuda", **options) for _ in range(2))
     for env in (own, ours):
         env.episode_length_buf.copy_(torch.tensor([0, 7, 13]))
-    step, size = MaskedStep(ours, ("actor",)), own.action_manager.total_action_dim
-    action, seen = torch.zeros(3, size, device="cuda"), torch.zeros_like(own.obs_buf["actor"])
-    graph = Graph(lambda: seen.copy_(step(action)[0]["actor"]), seen.device)
-    graph.record()  # takes one step
-    own.step(action)
-    for number in range(45):
-        action.copy_(0.3 * torch.randn(3, size, generator=generator))
-        graph()
-        groups, *_ = own.step(action)
-        assert torch.equal(own.episode_length_buf, ours.episode_length_buf)
-        if number < 5:  # then chaos has made sums of another order visible
-            torch.testing.assert_close(groups["actor"], seen, rtol=0.01, atol=0.01)
+    check_recorded_step(own, ours, 45, generator)
 
 
 def test_commands_that_our_step_draws_are_distributed_like_mjlab_s(monkeypatch):

@@ -18,35 +18,36 @@ Masked = Callable[[Tensor, Callable[[], None]], None]
 class Velocity:
     """A velocity to walk with."""
 
-    recordable = True
-
     def __init__(self, term: Any, masked: Masked):
         self._term = term
 
     @staticmethod
-    def supports(cfg: Any) -> bool:
+    def supports(cfg: Any, device: torch.device) -> bool:
         return not cfg.init_velocity_prob
 
     def restart(self, mask: Tensor) -> None:
         """Draw new commands in the worlds of a mask (N,)."""
         term, cfg, ranges = self._term, self._term.cfg, self._term.cfg.ranges
 
-        def drawn(low: float, high: float) -> Tensor:
+        def uniform(low: float, high: float) -> Tensor:
             return torch.empty_like(term.time_left).uniform_(low, high)
 
-        refill(mask, drawn(*cfg.resampling_time_range), term.time_left)
+        refill(mask, uniform(*cfg.resampling_time_range), term.time_left)
         each = (ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z)
-        wish = torch.stack([drawn(*limits) for limits in each], 1)
+        wish = torch.stack([uniform(*limits) for limits in each], 1)
         if cfg.heading_command:
-            refill(mask, drawn(*ranges.heading), term.heading_target)
-            refill(mask, drawn(0, 1) <= cfg.rel_heading_envs, term.is_heading_env)
-        refill(mask, drawn(0, 1) <= cfg.rel_standing_envs, term.is_standing_env)
-        refill(mask, drawn(0, 1) <= cfg.rel_world_envs, term.is_world_env)
-        refill(mask, drawn(0, 1) <= cfg.rel_forward_envs, term.is_forward_env)
+            refill(mask, uniform(*ranges.heading), term.heading_target)
+            refill(mask, uniform(0, 1) <= cfg.rel_heading_envs, term.is_heading_env)
+        refill(mask, uniform(0, 1) <= cfg.rel_standing_envs, term.is_standing_env)
+        refill(mask, uniform(0, 1) <= cfg.rel_world_envs, term.is_world_env)
+        refill(mask, uniform(0, 1) <= cfg.rel_forward_envs, term.is_forward_env)
         refill(mask, wish, term.vel_command_w)
         ahead = torch.zeros_like(wish)
         ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
         refill(mask, torch.where(term.is_forward_env[:, None], ahead, wish), term.vel_command_b)
+
+    def go_on(self) -> None:
+        """Leave the robots as they are, as a velocity does within an episode."""
 
     def pass_time(self, dt: Tensor) -> None:
         """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
@@ -63,23 +64,24 @@ class Velocity:
         cos, sin = heading.cos(), heading.sin()
         turned = torch.stack([cos * x + sin * y, cos * y - sin * x], 1)
         refill(term.is_world_env, turned, command[:, :2])
-        for kept in (command, term.vel_command_w):
-            kept.masked_fill_(term.is_standing_env[:, None], 0.0)
+        for velocity in (command, term.vel_command_w):
+            velocity.masked_fill_(term.is_standing_env[:, None], 0.0)
 
 
 class Motion:
     """A motion to follow, from a frame that is drawn more often where robots failed."""
 
-    recordable = False  # a step is, but rollouts of 8,192 worlds did not fit into an H200
+    recordable = False  # until a GPU has trained with recorded rollouts
 
     def __init__(self, term: Any, masked: Masked):
         self._term, self._masked = term, masked
         self._everyone = torch.arange(term.num_envs, device=term.device)
         term._adaptive_sampling = self._draw_frames  # mjlab's counts failures there, too
 
-    @staticmethod
-    def supports(cfg: Any) -> bool:
-        return cfg.resampling_time_range[0] > NEVER
+    @classmethod
+    def supports(cls, cfg: Any, device: torch.device) -> bool:
+        there = cls.recordable or device.type != "cuda"
+        return there and cfg.resampling_time_range[0] > NEVER
 
     def restart(self, over: Tensor) -> None:
         """Go on by a frame; put robots at new ones where an episode (N,) or the motion is over."""
@@ -87,13 +89,17 @@ class Motion:
         failed = term._env.termination_manager.terminated & over
         bins = term.time_steps * term.bin_count // total
         counts = torch.zeros_like(term.bin_failed_count).index_add_(0, bins, failed.float())
-        latest = term._current_bin_failed
-        latest.copy_(torch.where(failed.any(), counts, latest))
+        last_counts = term._current_bin_failed
+        last_counts.copy_(torch.where(failed.any(), counts, last_counts))
         term.time_steps += 1
         ended = (term.time_steps >= total) & ~over
         self._masked(over | ended, partial(term._resample_command, self._everyone))
         term.time_steps += over  # mjlab moves on after drawing
         term._pending_forward = False  # the step computes positions of bodies anyway
+
+    def go_on(self) -> None:
+        """Go on by a frame within an episode, and to a new one after the last."""
+        self.restart(torch.zeros_like(self._term.time_steps, dtype=torch.bool))
 
     def _draw_frames(self, worlds: Tensor) -> None:
         """Draw frames for some worlds (n,) with mjlab's probabilities of their seconds."""

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 from ...worlds.episodes import refill
-from .commands import COMMANDS, Motion
+from .commands import COMMANDS
 
 PUSH = "push_by_setting_velocity"
 EVENTS = "reset_root_state_uniform", "reset_joints_by_offset", PUSH, "randomize_terrain"
@@ -73,8 +73,7 @@ class MaskedStep:
                 self._restart(over)
             elif not over.any():  # else a motion stays where the episode ended
                 for command in self.commands:
-                    if isinstance(command, Motion):
-                        command.restart(over)
+                    command.go_on()
             sim.forward()
             for command in self.commands:
                 command.pass_time(torch.where(over, 0.0, env.step_dt).float())
@@ -210,13 +209,9 @@ def supported(cfg: Any, device: torch.device) -> bool:
         for event in cfg.events.values()
         if event is not None and event.mode != "startup"
     ]
-    kinds = {
-        f"{name}Cfg": kind
-        for name, kind in COMMANDS.items()
-        if kind.recordable or device.type != "cuda"
-    }
+    kinds = {f"{name}Cfg": kind for name, kind in COMMANDS.items()}
     commands = [
-        (kind := kinds.get(type(command).__name__)) is not None and kind.supports(command)
+        (kind := kinds.get(type(command).__name__)) is not None and kind.supports(command, device)
         for command in cfg.commands.values()
     ]
     levels = [

@@ -53,8 +53,8 @@ class Film:
     """One robot under each of P trade-offs, all from the same start and seen from one distance.
 
     With `bodies`, by design parameters, there is a panel for each trade-off of each body. A robot
-    that fails is frozen and dimmed, with the returns of its episode. A film ends a second after the
-    last robot has failed or its motion has ended, whatever the episode length otherwise. `record`
+    that fails is frozen and dimmed, with the returns of its episode. A film ends a second after
+    every robot has failed or finished its motion; other robots go on after a time limit. `record`
     describes the arguments.
     """
 
