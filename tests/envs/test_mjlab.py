@@ -416,7 +416,7 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
     for name in (ROUGH, ROUGH.replace("Go1", "G1")):
         config, _, _ = read(["--env", name, "--device", "cpu"])
         assert config.task.robust and config.task.curriculum and config.task.sensors == "real"
-        assert worlds.supported(worlds.changed(name, config.task, 2, 0), torch.device("cuda"))
+        assert worlds.supported(worlds.changed(name, config.task, 2, 0))
     with pytest.raises(MorlaxError, match=r"no command of velocity: leave task\.robust out"):
         envs.make(CARTPOLE, 1, "cpu", robust=True)
 

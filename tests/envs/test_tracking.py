@@ -16,7 +16,6 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.files import task_values
 from morlax_torch.envs.bridges.mjlab import following
 from morlax_torch.envs.bridges.mjlab import worlds as mjlab_worlds
-from morlax_torch.envs.bridges.mjlab.commands import Motion
 from morlax_torch.envs.bridges.mjlab.following import landing_impact
 from morlax_torch.envs.bridges.mjlab.motion import arrays, prepared
 from morlax_torch.envs.bridges.mjlab.step import MaskedStep
@@ -146,8 +145,7 @@ def test_a_recorded_step_follows_mjlab_s(motion, generator):
 
 
 @pytest.mark.gpu
-def test_recorded_rollouts_and_evaluations_follow_a_motion(motion, tmp_path, monkeypatch):
-    monkeypatch.setattr(Motion, "recordable", True)
+def test_recorded_rollouts_and_evaluations_follow_a_motion(motion, tmp_path):
     few = {"worlds": 1024, "sampling.clusters": 8, "max_env_steps": 10**5, "device": "cuda"}
     few |= {"evaluation.tradeoffs": 8, "task.motion_file": str(motion), "horizon": 24}
     front = load_front(train(tiny(G1, backend=None, **few), output=tmp_path / "run").folder)

@@ -22,7 +22,7 @@ class Velocity:
         self._term = term
 
     @staticmethod
-    def supports(cfg: Any, device: torch.device) -> bool:
+    def supports(cfg: Any) -> bool:
         return not cfg.init_velocity_prob
 
     def restart(self, mask: Tensor) -> None:
@@ -71,17 +71,14 @@ class Velocity:
 class Motion:
     """A motion to follow, from a frame that is drawn more often where robots failed."""
 
-    recordable = False  # until a GPU has trained with recorded rollouts
-
     def __init__(self, term: Any, masked: Masked):
         self._term, self._masked = term, masked
         self._everyone = torch.arange(term.num_envs, device=term.device)
         term._adaptive_sampling = self._draw_frames  # mjlab's counts failures there, too
 
-    @classmethod
-    def supports(cls, cfg: Any, device: torch.device) -> bool:
-        there = cls.recordable or device.type != "cuda"
-        return there and cfg.resampling_time_range[0] > NEVER
+    @staticmethod
+    def supports(cfg: Any) -> bool:
+        return cfg.resampling_time_range[0] > NEVER
 
     def restart(self, over: Tensor) -> None:
         """Go on by a frame; put robots at new ones where an episode (N,) or the motion is over."""

@@ -200,8 +200,8 @@ class Constants(TorchFunctionMode):
         return self._kept[key]
 
 
-def supported(cfg: Any, device: torch.device) -> bool:
-    """Return whether `MaskedStep` can step environments with this config, and should there."""
+def supported(cfg: Any) -> bool:
+    """Return whether `MaskedStep` can step environments with this config."""
     events = [
         event.func.__name__ in EVENTS
         and not event.is_global_time
@@ -211,7 +211,7 @@ def supported(cfg: Any, device: torch.device) -> bool:
     ]
     kinds = {f"{name}Cfg": kind for name, kind in COMMANDS.items()}
     commands = [
-        (kind := kinds.get(type(command).__name__)) is not None and kind.supports(command, device)
+        (kind := kinds.get(type(command).__name__)) is not None and kind.supports(command)
         for command in cfg.commands.values()
     ]
     levels = [

@@ -109,7 +109,7 @@ class MjlabWorlds(ForeignWorlds):
 
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)
-        masked = supported(cfg, self.device) and not remembers(cfg)
+        masked = supported(cfg) and not remembers(cfg)
         self.recordable = masked and self.device.type == "cuda"
         self._sharing: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
         if self.recordable:  # a recording draws from no other generator than torch's own
