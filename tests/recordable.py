@@ -53,17 +53,17 @@ def check_recordable(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
         evaluator._some_steps()
 
 
-def check_recorded_step(own: Any, ours: Any, steps: int, generator: torch.Generator) -> None:
-    """Fail unless our recorded step follows mjlab's own, in two environments of one state."""
-    step, seen = MaskedStep(ours, ("actor",)), torch.zeros_like(own.obs_buf["actor"])
-    action = seen.new_zeros(own.num_envs, own.action_manager.total_action_dim)
+def check_recorded_step(reference: Any, env: Any, steps: int, generator: torch.Generator) -> None:
+    """Fail unless our recorded step of `env` follows mjlab's own of `reference`, its twin."""
+    step, seen = MaskedStep(env, ("actor",)), torch.zeros_like(reference.obs_buf["actor"])
+    action = seen.new_zeros(reference.num_envs, reference.action_manager.total_action_dim)
     graph = Graph(lambda: seen.copy_(step(action)[0]["actor"]), seen.device)
     graph.record()  # takes one step
-    own.step(action)
+    reference.step(action)
     for number in range(steps):
         action.copy_(0.2 * torch.randn(action.shape, generator=generator))
         graph()
-        groups, *_ = own.step(action)
-        assert torch.equal(own.episode_length_buf, ours.episode_length_buf)
+        groups, *_ = reference.step(action)
+        assert torch.equal(reference.episode_length_buf, env.episode_length_buf)
         if number < 5:  # then chaos has made sums of another order visible
             torch.testing.assert_close(groups["actor"], seen, rtol=0.01, atol=0.01)
