@@ -155,7 +155,7 @@ def make_runner(
             cfg.rewards[term].weight = factor * (cfg.rewards[term].weight or 1.0)
         if motion is not None:  # as fast as in our worlds
             robot, rate = cfg.scene.entities["robot"].spec_fn, 50.0
-            cfg.commands["motion"].motion_file = str(prepared(motion, 0, 30.0, rate, robot)[0])
+            cfg.commands["motion"].motion_file = str(prepared(motion, 0, 30.0, 2.0, rate, robot)[0])
         agent.logger = "tensorboard"
         torch.manual_seed(seed)
         env = importlib.import_module("mjlab.envs").ManagerBasedRlEnv(cfg, device=device)

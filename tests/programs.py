@@ -1,8 +1,34 @@
 """Programs in processes of their own."""
 
+import os
 import subprocess
 import sys
+from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
+
+SERVER = get_context("forkserver")
+SERVER.set_forkserver_preload(["torch", "gymnasium", "morlax_torch.train"])
+
+
+def run_fresh(code: str, folder: Path) -> str:
+    """Run code in a folder, in a process that has imported torch and this package alone.
+
+    Returns:
+        What the process wrote to standard error if it failed, else an empty string.
+    """
+    errors = folder / "stderr"
+    process = SERVER.Process(target=_execute, args=(code, folder, errors))
+    process.start()
+    process.join()
+    return errors.read_text() or "no message" if process.exitcode else ""
+
+
+def _execute(code: str, folder: Path, errors: Path) -> None:
+    os.chdir(folder)
+    with errors.open("w") as file:
+        os.dup2(file.fileno(), sys.stderr.fileno())
+    exec(code, {"__name__": "__main__"})
 
 
 def python(*words: object, **options: Any) -> subprocess.CompletedProcess:

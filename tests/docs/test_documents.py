@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from programs import python
+from programs import run_fresh
 
 import morlax_torch
 from morlax_torch import MORLAX, config_for
@@ -126,9 +126,7 @@ def test_python_runs_in_a_fresh_process(code, run, workplace, request):
     needs_modules(code)
     exports = "export-" in request.node.callspec.id
     folder = request.getfixturevalue("exported") if exports else workplace
-    code = A_RUN.sub(str(run), code)
-    done = python("-c", code, cwd=folder)
-    assert done.returncode == 0, done.stderr
+    assert not run_fresh(A_RUN.sub(str(run), code), folder)
 
 
 @pytest.mark.parametrize(

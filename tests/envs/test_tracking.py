@@ -27,6 +27,7 @@ pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
 G1 = "mjlab:Mjlab-Tracking-Flat-Unitree-G1"
 TWIN = f"{G1}-No-State-Estimation"
+STANDS = {"motion_stand": 0.0}, {"motion_stand": 2.0}  # s
 ERRORS = ("body error (mm)", "global body error (mm)", "end-effector error (mm)")
 
 
@@ -39,7 +40,7 @@ def loaded(path: Path, fps: float = 30.0) -> dict[str, np.ndarray]:
     """Read a motion as worlds with 50 control steps per second do."""
     from mjlab.asset_zoo.robots import get_g1_robot_cfg
 
-    file, _ = prepared(path, path.stat().st_mtime_ns, fps, 50.0, get_g1_robot_cfg().spec_fn)
+    file, _ = prepared(path, path.stat().st_mtime_ns, fps, 0.0, 50.0, get_g1_robot_cfg().spec_fn)
     return dict(np.load(file))
 
 
@@ -51,6 +52,7 @@ def write_csv(path: Path, qpos: np.ndarray) -> Path:
 
 def make(motion: Path, worlds: int = 4, **options) -> envs.Worlds:
     usual = {"episode_length": 50, "motion_file": str(motion), "auto_reset": False}
+    usual["motion_stand"] = 0.0
     return envs.make(TWIN, worlds, "cpu", **{**usual, **options})
 
 
@@ -68,6 +70,14 @@ def test_a_reference_that_is_shifted_by_10_mm_is_10_mm_away_in_the_world_alone(m
     for name, error in zip(ERRORS, (0, 10, 0), strict=True):
         np.testing.assert_allclose(found[name], error, atol=0.01)
     np.testing.assert_allclose(found["joint velocity error (rad/s)"], 0, atol=1e-4)
+
+
+def test_the_last_frame_lasts_for_two_seconds(motion):
+    ends, longer = (make(motion, **x).env.command_manager.get_term("motion").motion for x in STANDS)
+    frames = ends.time_step_total
+    assert longer.time_step_total == frames + 100
+    assert torch.equal(longer.joint_pos[frames:], longer.joint_pos[frames - 1].expand(100, -1))
+    assert not longer.joint_vel[frames:].any() and longer.joint_vel[: frames - 1].any()
 
 
 def test_a_foot_that_takes_the_whole_weight_in_one_step_is_an_impact_of_one(motion):
@@ -171,7 +181,7 @@ def test_failures_are_counted_as_in_mjlab_and_draw_episodes_to_their_frames(moti
     assert env.step(torch.zeros(128, env.action_size)).truncated.float().mean() > 0.5
     seconds = (command.time_steps - 1) * 3 // 99
     shares = torch.bincount(seconds, minlength=3) / 128
-    expected = torch.tensor([0.04, 0.26, 0.7])  # a share of 0.1 in all is drawn evenly
+    expected = torch.tensor([0.18, 0.3, 0.52])  # half is drawn evenly, and 0.1 of mjlab's counts
     torch.testing.assert_close(shares, expected, rtol=0, atol=0.12)
 
 

@@ -17,18 +17,22 @@ KEYS = ("joint_pos", "joint_vel", *BODIES)
 
 
 @cache
-def prepared(path: Path, changed: int, fps: float, rate: float, robot: Any) -> tuple[Path, int]:
+def prepared(
+    path: Path, changed: int, fps: float, stand: float, rate: float, robot: Any
+) -> tuple[Path, int]:
     """Return a file in mjlab's format with one frame per control step, and the number of frames.
 
     That is `path`, last `changed` then, where it has this format and `rate`, else a temporary file
-    of this process. `fps` is the rate of a CSV file; `robot` makes its MjSpec.
+    of this process. `fps` is the rate of a CSV file; the last frame lasts `stand` seconds longer;
+    `robot` makes the robot's MjSpec.
     """
     model, is_csv = robot().compile(), path.suffix.lower() == ".csv"
     qpos, fps = (_from_csv(path, model), fps) if is_csv else _from_npz(path, model)
     _check(path, qpos, fps, model)
-    if np.isclose(fps, rate) and not is_csv:
+    if np.isclose(fps, rate) and not is_csv and not stand:
         return path, len(qpos)
     qpos = resampled(qpos, fps, rate, model)
+    qpos = np.concatenate([qpos, qpos[-1:].repeat(round(stand * rate), 0)])
     file = Path(tempfile.mkdtemp(dir=_folder().name), f"{path.stem}.npz")
     named: dict[str, Any] = {"fps": [rate], **arrays(qpos, rate, model)}
     np.savez(file, **named)

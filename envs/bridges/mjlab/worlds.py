@@ -54,6 +54,8 @@ class MjlabOptions(ObjectiveOptions):
     are the root's x y z, its quaternion x y z w, and the angles of all joints."""
     motion_fps: PositiveFloat = 30.0
     """Frames per second of a CSV file."""
+    motion_stand: Annotated[float, Field(ge=0, le=60)] = 2.0
+    """Seconds for which a robot stands in the last frame of a motion, as a part of it."""
     sensors: Literal["all", "real"] = "all"
     """What actors observe: all terms, or those that sensors of a robot measure (docs/mjlab.md)."""
     history: dict[str, Annotated[int, Field(ge=0, le=100)]] = {}
@@ -349,7 +351,8 @@ def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
         )
     rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
     robot = cfg.scene.entities[command.entity_name].spec_fn
-    ready, frames = prepared(file, file.stat().st_mtime_ns, options.motion_fps, rate, robot)
+    changed, fps, stand = file.stat().st_mtime_ns, options.motion_fps, options.motion_stand
+    ready, frames = prepared(file, changed, fps, stand, rate, robot)
     if frames <= options.episode_length:
         raise MorlaxError(
             f"{file} lasts {frames} control steps, and an episode {options.episode_length}: set "

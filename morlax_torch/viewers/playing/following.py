@@ -9,13 +9,12 @@ import numpy as np
 from ...envs import MorlaxError
 from .robot import Array, Export, Robot, Step
 
-HOLD = 2.0  # s for which the robot stands in the last frame
 LOW, TILTED = 0.25, 0.8  # m, and of the vertical axis: a fall, as in mjlab's terminations
 BODY = mujoco.mjtObj.mjOBJ_BODY
 
 
 class Follower(Robot):
-    """A robot that follows a motion, from a stand in its first frame to a stand in its last one.
+    """A robot that follows a motion, from a stand in its first frame to its last one.
 
     `frame` is the one that the robot is to reach by the end of the next control step.
     """
@@ -45,7 +44,7 @@ class Follower(Robot):
         position, turn, aim, aimed = self._anchors()
         stands = abs(position - aim)[2] < LOW and abs(turn - aimed)[2, 2] < TILTED
         self.frame += 1
-        over = self.frame >= len(self.motion.joint_pos) + round(HOLD / self.dt)
+        over = self.frame >= len(self.motion.joint_pos)
         fallen = not stands or self.broken()
         return step._replace(fallen=fallen, error=float(error), over=over)
 
@@ -91,8 +90,7 @@ class Follower(Robot):
         position, turn, aim, aimed = self._anchors()
         match name:
             case "motion_command":
-                speeds = self.motion.joint_vel[self._at] * (self.frame == self._at)
-                return np.concatenate([self.motion.joint_pos[self._at], speeds])
+                return np.concatenate([part[self._at] for part in self.motion[:2]])
             case "motion_anchor_pos_b":
                 return (aim - position) @ turn
             case "motion_anchor_ori_b":
@@ -106,7 +104,7 @@ def robot_for(deployment: Export, *others: Any) -> Robot:
 
 
 def duration(deployment: Export, default: float) -> float:
-    """Return the seconds until the end of the last stand; the default without a motion."""
+    """Return the seconds of the motion; the default without one."""
     if deployment.motion is None:
         return default
-    return len(deployment.motion.joint_pos) * deployment.settings.step_dt + HOLD
+    return len(deployment.motion.joint_pos) * deployment.settings.step_dt
