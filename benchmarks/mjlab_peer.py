@@ -153,7 +153,7 @@ def make_runner(
             cfg.observations["actor"].terms.pop(term, None)
         for term, factor in (weights or {}).items():
             cfg.rewards[term].weight = factor * (cfg.rewards[term].weight or 1.0)
-        if motion is not None:  # as fast as in our worlds
+        if motion is not None:  # as fast as in our worlds, with their stand
             robot, rate = cfg.scene.entities["robot"].spec_fn, 50.0
             cfg.commands["motion"].motion_file = str(prepared(motion, 0, 30.0, 2.0, rate, robot)[0])
         agent.logger = "tensorboard"

@@ -20,8 +20,7 @@ class Play(Section):
     Without --episodes, a window shows the robot in real time, and keys steer it. Without a display,
     a film is written. Commands are random in films and episodes, and the trade-off slides between
     random points unless one is given. A tour is scored like the public teleop-walking-benchmark
-    scores the G1. A policy that follows a motion starts from a stand in its first
-    pose.
+    scores the G1. A policy that follows a motion starts from a stand in its first pose.
     """
 
     export: Annotated[Path, Positional, arg(metavar="EXPORT")]

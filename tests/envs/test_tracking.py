@@ -27,7 +27,6 @@ pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
 G1 = "mjlab:Mjlab-Tracking-Flat-Unitree-G1"
 TWIN = f"{G1}-No-State-Estimation"
-STANDS = {"motion_stand": 0.0}, {"motion_stand": 2.0}  # s
 ERRORS = ("body error (mm)", "global body error (mm)", "end-effector error (mm)")
 
 
@@ -51,8 +50,8 @@ def write_csv(path: Path, qpos: np.ndarray) -> Path:
 
 
 def make(motion: Path, worlds: int = 4, **options) -> envs.Worlds:
-    usual = {"episode_length": 50, "motion_file": str(motion), "auto_reset": False}
-    usual["motion_stand"] = 0.0
+    usual = {"episode_length": 50, "motion_file": str(motion), "motion_stand": 0.0}
+    usual |= {"auto_reset": False}
     return envs.make(TWIN, worlds, "cpu", **{**usual, **options})
 
 
@@ -73,8 +72,11 @@ def test_a_reference_that_is_shifted_by_10_mm_is_10_mm_away_in_the_world_alone(m
 
 
 def test_the_last_frame_lasts_for_two_seconds(motion):
-    ends, longer = (make(motion, **x).env.command_manager.get_term("motion").motion for x in STANDS)
-    frames = ends.time_step_total
+    short, longer = (
+        make(motion, motion_stand=seconds).env.command_manager.get_term("motion").motion
+        for seconds in (0.0, 2.0)
+    )
+    frames = short.time_step_total
     assert longer.time_step_total == frames + 100
     assert torch.equal(longer.joint_pos[frames:], longer.joint_pos[frames - 1].expand(100, -1))
     assert not longer.joint_vel[frames:].any() and longer.joint_vel[: frames - 1].any()

@@ -70,10 +70,10 @@ class Velocity:
 
 
 class Motion:
-    """A motion to follow, from a frame that is drawn more often where robots failed.
+    """A motion to follow. Half of the episodes start where robots failed, the others anywhere.
 
-    mjlab's share of even draws vanishes in thousands of worlds, where then hardly an episode starts
-    in a second that nobody fails in, such as the first.
+    In thousands of worlds, mjlab's share of even draws vanishes beside its counts of failures, and
+    hardly an episode starts in a second in which nobody fails, such as the first.
     """
 
     def __init__(self, term: Any, masked: Masked):
@@ -104,15 +104,15 @@ class Motion:
         self.restart(torch.zeros_like(self._term.time_steps, dtype=torch.bool))
 
     def _draw_frames(self, worlds: Tensor) -> None:
-        """Draw frames for some worlds (n,): evenly, or with mjlab's probabilities of seconds."""
+        """Draw frames for some worlds (n,): half evenly, half with mjlab's chances of a second."""
         term = self._term
         size, total = term.cfg.adaptive_kernel_size, term.bin_count
         weights = term.bin_failed_count + term.cfg.adaptive_uniform_ratio / total
         later = weights[-1:].expand(size - 1)
         weights = (torch.cat([weights, later]).unfold(0, size, 1) * term.kernel).sum(1)
         shares = (1 - EVEN) * weights / weights.sum() + EVEN / total
-        place, within = weights.new_empty(len(worlds), 2).uniform_().unbind(1)
-        bins = torch.searchsorted(shares.cumsum(0), place.contiguous()).clamp(max=total - 1)
+        quantiles, within = weights.new_empty(len(worlds), 2).uniform_().unbind(1)
+        bins = torch.searchsorted(shares.cumsum(0), quantiles.contiguous()).clamp(max=total - 1)
         frames = (bins + within) / total * (term.motion.time_step_total - 1)
         term.time_steps[worlds] = frames.long()
 

@@ -351,8 +351,8 @@ def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
         )
     rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
     robot = cfg.scene.entities[command.entity_name].spec_fn
-    changed, fps, stand = file.stat().st_mtime_ns, options.motion_fps, options.motion_stand
-    ready, frames = prepared(file, changed, fps, stand, rate, robot)
+    time, fps, stand = file.stat().st_mtime_ns, options.motion_fps, options.motion_stand
+    ready, frames = prepared(file, time, fps, stand, rate, robot)
     if frames <= options.episode_length:
         raise MorlaxError(
             f"{file} lasts {frames} control steps, and an episode {options.episode_length}: set "

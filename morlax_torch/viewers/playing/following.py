@@ -54,7 +54,7 @@ class Follower(Robot):
 
     def ghost(self) -> mujoco.MjData:
         ghost = mujoco.MjData(self.model)
-        self._place(ghost, min(self.frame, len(self.motion.joint_pos)) - 1)
+        self._place(ghost, self.frame - 1)
         return ghost
 
     def _place(self, data: mujoco.MjData, frame: int) -> None:
@@ -90,7 +90,8 @@ class Follower(Robot):
         position, turn, aim, aimed = self._anchors()
         match name:
             case "motion_command":
-                return np.concatenate([part[self._at] for part in self.motion[:2]])
+                motion, frame = self.motion, self._at
+                return np.concatenate([motion.joint_pos[frame], motion.joint_vel[frame]])
             case "motion_anchor_pos_b":
                 return (aim - position) @ turn
             case "motion_anchor_ori_b":
