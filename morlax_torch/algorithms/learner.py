@@ -144,7 +144,6 @@ class Learner(ABC):
             self.explore.record()
         self.load_state_dict(state)
         self.tradeoffs.copy_(tradeoffs)
-        self._restart_metrics()
 
     def _record(self) -> None:
         # before exploring, while other processes still compile the simulator's kernels
@@ -247,5 +246,5 @@ class Learner(ABC):
             self._episodes.running.copy_(state["episodes"])
         else:
             self._start_here()
-        self._iterations, self.iteration = 0, state["iteration"]
-        self.env_steps = state["env_steps"]
+        self._restart_metrics()
+        self.iteration, self.env_steps = state["iteration"], state["env_steps"]

@@ -104,9 +104,12 @@ def test_resuming_continues_exactly(algorithm, changes):
     config = small(algorithm, 8, **changes)  # HYPER-MORL's warm-up ends after one iteration
     whole, half = trained(config, 10), trained(config, 5)
     state = copy.deepcopy(half.state_dict())
-    other = trained(config, 0)
+    half.metrics()
+    other = trained(config, 1)
     other.load_state_dict(state)
-    iterate(other, 5)
+    for learner in (half, other):
+        iterate(learner, 5)
+    assert half.metrics() == other.metrics()
     ours, others = whole.state_dict(), other.state_dict()
     for part in ("agent", "optimizers"):
         assert_same(ours[part], others[part])
