@@ -32,8 +32,9 @@ def make_batch(
 ) -> tuple[Batch, Tensor]:
     """Estimate what to learn from a rollout of K clusters; statistics are those of all processes.
 
-    The advantage of each objective is weighted by `weights` (K, m). A scalar critic weighs rewards
-    by the trade-offs of the conditions (K, m + d) instead.
+    Those of a cluster are of this process alone, since others have other trade-offs. The advantage
+    of each objective is weighted by `weights` (K, m). A scalar critic weighs rewards by the
+    trade-offs of the conditions (K, m + d) instead.
 
     Returns:
         A batch by world, (K, G, T, ...) each, and the explained variance per value of the critic,
@@ -64,7 +65,9 @@ def make_batch(
     if config.critic == "vector":
         advantage = advantage * weights[:, None]
     scalar = advantage.sum(-1)  # (T, K, G)
-    together = (0, 2) if config.normalize_advantages == "cluster" else (0, 1, 2)
+    together = (0, 1, 2)
+    if config.normalize_advantages == "cluster":
+        together, group = (0, 2), ALONE
     variance, mean = torch.var_mean(scalar, together, correction=0, keepdim=True)
     mean, variance = group.moments(mean, variance)
     number = group.size * scalar.numel() // mean.numel()

@@ -13,6 +13,7 @@ from morlax_torch.algorithms.batch import Batch, Table, make_batch
 from morlax_torch.algorithms.ppo import PPO
 from morlax_torch.algorithms.rollout import advantages
 from morlax_torch.configuration.sections import PPOConfig
+from morlax_torch.gpu.group import Group
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
 
@@ -135,6 +136,23 @@ def test_make_batch_uses_each_cluster_s_own_critic(learner, make_rollout, trunca
     torch.testing.assert_close(natural, by_world(target), rtol=1e-4, atol=1e-4)
     unexplained = (target - value).flatten(0, 2).var(0) / target.flatten(0, 2).var(0)
     torch.testing.assert_close(explained, 1 - unexplained, rtol=1e-4, atol=1e-4)
+
+
+class Larger(Group):
+    """One of two processes; the numbers of the other one are larger by two."""
+
+    size = 2
+
+    def mean_(self, x: Tensor) -> Tensor:
+        return x.add_(1.0)
+
+
+def test_advantages_of_a_cluster_are_normalized_apart_from_other_processes(learner, make_rollout):
+    config = PPOConfig(normalize_advantages="cluster")
+    batch, _ = make_batch(learner(), TRADEOFFS, make_rollout(), config, TRADEOFFS, Larger())
+    std, mean = torch.std_mean(batch.advantage, (1, 2, 3))
+    torch.testing.assert_close(mean, torch.zeros(3), rtol=0, atol=1e-5)
+    torch.testing.assert_close(std, torch.ones(3), rtol=0, atol=1e-5)
 
 
 def test_make_batch_updates_only_the_value_normalizer(learner, make_rollout):
