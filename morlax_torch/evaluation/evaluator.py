@@ -9,8 +9,8 @@ from torch import Tensor
 from ..configuration.config import Config
 from ..configuration.sections import Protocol
 from ..configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
-from ..envs import Environment, MorlaxError, Worlds
-from ..envs.devices import EVALUATION_SEEDS
+from ..envs import Environment, MorlaxError, Worlds, resolve_device
+from ..envs.devices import EVALUATION_SEEDS, drawing_from
 from ..envs.worlds.design_space import DesignSpace, compile_bank
 from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
@@ -316,17 +316,19 @@ def make_evaluator(
     points = evaluation_tradeoffs(tradeoffs, num_objectives)  # refuses too few
     if protocol != "latched":
         points = dirichlet_tradeoffs(tradeoffs, num_objectives)
-    env = evaluation_worlds(config, tradeoffs * bodies, seeds, seed, sets, group)
-    if bodies > 1:
-        assert isinstance(env, Environment)
-        points = points.repeat(bodies, 1)
-        rows = torch.arange(bodies).repeat_interleave(tradeoffs)
-        designs = held_out(env, bodies)
-        if not embody(env, designs, share(rows[:, None], seeds * sets, group)[:, 0]).all():
-            raise MorlaxError(f"not all of {bodies} designs to evaluate with make a body.")
-        contexts = torch.from_numpy(DesignSpace(env.designs).scaled(designs)).float()
-        points = torch.cat([points, contexts[rows]], -1)
-    return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)
+    # new worlds may seed torch's own generator, from which training worlds may draw
+    with drawing_from(torch.Generator(resolve_device(config.device))):
+        env = evaluation_worlds(config, tradeoffs * bodies, seeds, seed, sets, group)
+        if bodies > 1:
+            assert isinstance(env, Environment)
+            points = points.repeat(bodies, 1)
+            rows = torch.arange(bodies).repeat_interleave(tradeoffs)
+            designs = held_out(env, bodies)
+            if not embody(env, designs, share(rows[:, None], seeds * sets, group)[:, 0]).all():
+                raise MorlaxError(f"not all of {bodies} designs to evaluate with make a body.")
+            contexts = torch.from_numpy(DesignSpace(env.designs).scaled(designs)).float()
+            points = torch.cat([points, contexts[rows]], -1)
+        return Evaluator(agent, env, points, protocol, seed, seeds, sets, group)
 
 
 def held_out(env: Environment, number: int) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Evaluations measure the returns of deterministic policies under each protocol."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -10,7 +12,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation import evaluator as module
-from morlax_torch.evaluation.evaluator import Evaluator, usual_tradeoffs
+from morlax_torch.evaluation.evaluator import Evaluator, make_evaluator, usual_tradeoffs
 from morlax_torch.evaluation.front import Front
 from morlax_torch.gpu.group import ALONE, Group
 from morlax_torch.networks.agent import Agent
@@ -303,6 +305,25 @@ def test_the_same_policy_gets_the_same_returns_under_every_trade_off(case, make_
     assert not np.allclose(first.returns, second.returns, rtol=1e-6)
     (alone,) = evaluator_of(case, make_agent, 2, 1).evaluate_sets()
     np.testing.assert_array_equal(alone.returns, first.returns)
+
+
+class Shared(envs.get("hopper")):
+    """Worlds that draw from torch's own generator, as mjlab's do on a GPU."""
+
+    def prepare_starts(self, seed: int) -> Any:
+        self.generator = torch.default_generator.manual_seed(seed)
+        self.draws.generator = self.generator
+        return super().prepare_starts(seed)
+
+
+def test_an_evaluator_leaves_training_worlds_their_draws(make_agent):
+    agent, config = make_agent(13, 4), tiny(f"{__file__}:Shared", **{"task.reset_noise": 0.01})
+    training = config.make_worlds(4, seed=3)
+    state = training.generator.get_state()
+    evaluator = make_evaluator(agent, config, 2)
+    assert torch.equal(training.generator.get_state(), state)
+    evaluator.evaluate()
+    assert torch.equal(training.generator.get_state(), state)
 
 
 class Half(Group):
