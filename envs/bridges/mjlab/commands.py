@@ -96,7 +96,7 @@ class Motion:
         term.time_steps += 1
         ended = (term.time_steps >= total) & ~over
         self._masked(over | ended, partial(term._resample_command, self._everyone))
-        term.time_steps += over  # mjlab moves on after drawing
+        term.time_steps.add_(over).clamp_(max=total - 1)  # mjlab moves on after drawing
         term._pending_forward = False  # the step computes positions of bodies anyway
 
     def go_on(self) -> None:
