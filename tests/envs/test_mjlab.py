@@ -80,6 +80,7 @@ def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch, rem
         assert torch.equal(moved, over)
         assert torch.equal(step.observation, step.critic_observation[:, : go1.observation_size])
         assert (go1.env.episode_length_buf[over] == 0).all()
+        assert (go1.env.episode_length_buf < 7).all()
         episodes += int(over.sum())
     assert episodes >= 8  # 20 steps of 4 worlds, of 7 steps each at most
 

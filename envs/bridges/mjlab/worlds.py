@@ -324,7 +324,9 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
             raise MorlaxError(f"{name} has no command of velocity: leave task.robust out.")
         import_module(".robust", __package__).harden(cfg)
     cfg.scene.num_envs, cfg.seed = num_worlds, seed % 2**31
-    cfg.episode_length_s = options.episode_length * cfg.sim.mujoco.timestep * cfg.decimation
+    # half a step less: mjlab rounds up, and 7 * 0.02 s / 0.02 s are more than 7
+    steps = options.episode_length - 0.5
+    cfg.episode_length_s = steps * cfg.sim.mujoco.timestep * cfg.decimation
     return cfg
 
 
