@@ -312,6 +312,17 @@ def harder(cfg: Any) -> None:
     cfg.events = {key: event for key, event in cfg.events.items() if event.mode != "startup"}
 
 
+def drift(cfg: Any) -> None:
+    """Let the first term that actors observe be a little larger in each episode."""
+    noise, actor = import_module("mjlab.utils.noise"), cfg.observations["actor"]
+    none, more = noise.ConstantNoiseCfg(bias=0.0), noise.ConstantNoiseCfg(bias=0.1)
+    actor.enable_corruption = True
+    for term in actor.terms.values():
+        term.noise = None
+    first = next(iter(actor.terms.values()))
+    first.noise = noise.NoiseModelWithAdditiveBiasCfg(noise_cfg=none, bias_noise_cfg=more)
+
+
 def fixed(like: torch.Tensor, most: int) -> torch.Tensor:
     """Return the lags of three worlds, or the level of ground after the last one."""
     return 3 * torch.arange(3, device=like.device) if most == 9 else torch.full_like(like, 4)
@@ -322,6 +333,7 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch
     def limited(cfg: Any) -> None:
         (action,) = cfg.actions.values()
         action.clip = {".*": (-0.5, 0.5)}
+        drift(cfg)
         if name == ROUGH:
             harder(cfg)
 

@@ -125,8 +125,8 @@ class MaskedStep:
                 self._run(term)
             env.action_manager.reset(self.everyone)
             for manager in (env.reward_manager, env.termination_manager, env.observation_manager):
-                for term in _resettable(manager):
-                    term.func.reset(env_ids=self.everyone)
+                for thing in _resettable(manager):
+                    thing.reset(env_ids=self.everyone)
             env.episode_length_buf.zero_()
 
         self._masked(over, restart)
@@ -233,11 +233,13 @@ def _yaw(frames: Tensor) -> Tensor:
 
 
 def _resettable(manager: Any) -> list[Any]:
-    """Return the terms of a manager that are objects with a state."""
+    """Return what has a state in a manager: terms, and the noise of observations."""
     groups = getattr(manager, "_group_obs_class_term_cfgs", None)
     if groups is None:
-        return manager._class_term_cfgs
-    return [term for group in groups.values() for term in group]
+        return [term.func for term in manager._class_term_cfgs]
+    noises = [*manager._group_obs_class_instances.values()]
+    terms = [term.func for group in groups.values() for term in group]
+    return terms + [noise for group in noises for noise in group.values()]
 
 
 def _join_streams(sim: Any) -> None:
