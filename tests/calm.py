@@ -2,11 +2,26 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from typing import Any
 
 import torch
 
 from morlax_torch.envs.bridges.mjlab.worlds import build, load
+
+
+class Steps:
+    """A reward with a state, as users write it: the control steps of an episode so far."""
+
+    def __init__(self, cfg: Any, env: Any):
+        self._steps = torch.zeros(env.num_envs, device=env.device)
+
+    def reset(self, env_ids: torch.Tensor) -> None:
+        self._steps[env_ids] = 0.0
+
+    def __call__(self, env: Any) -> torch.Tensor:
+        self._steps = self._steps + 1
+        return self._steps
 
 
 def calm(
@@ -45,6 +60,7 @@ def calm(
             twist.ranges = replace(twist.ranges, **same)
             for share in ("standing", "heading", "world", "forward"):
                 setattr(twist, f"rel_{share}_envs", -1.0)
+        cfg.rewards["steps"] = import_module("mjlab.managers").RewardTermCfg(func=Steps, weight=1.0)
         edit(cfg)
         return replace(cfg, **changes)
 

@@ -253,8 +253,8 @@ def _join_streams(sim: Any) -> None:
 
 
 def _slots(root: Any) -> Iterator[tuple[dict[Any, Any], Any]]:
-    """Find where mjlab's objects keep tensors: dictionaries and keys."""
-    seen, waiting = set(), [root]
+    """Find where mjlab's objects and the terms of a task keep tensors: dictionaries and keys."""
+    seen, waiting, terms = set(), [root], set[int]()
     while waiting:
         thing = waiting.pop()
         if id(thing) in seen:
@@ -264,13 +264,15 @@ def _slots(root: Any) -> Iterator[tuple[dict[Any, Any], Any]]:
             waiting += thing
             continue
         members = thing if isinstance(thing, dict) else getattr(thing, "__dict__", {})
-        module = f"{type(thing).__module__}."
-        # also terms of tasks that others wrote, such as our tour
-        ours = isinstance(thing, dict) or (
-            "mjlab." in module and not module.startswith("mjlab.sim.")
-        )
+        # others may have derived a class from mjlab's, or have written a term
+        modules = [f"{kind.__module__}." for kind in type(thing).__mro__]
+        derived = any(module.startswith("mjlab.") for module in modules)
+        derived = derived and not modules[0].startswith("mjlab.sim.")
+        ours = isinstance(thing, dict) or derived or id(thing) in terms
         for key, value in members.items() if ours else ():
             if isinstance(value, Tensor):
                 yield members, key
             else:
                 waiting.append(value)
+                if key == "func" and not isinstance(value, type):
+                    terms.add(id(value))
