@@ -434,6 +434,16 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
         envs.make(CARTPOLE, 1, "cpu", robust=True)
 
 
+def test_robots_whose_motors_are_late_take_mjlab_s_own_step():
+    cfg = worlds.load(GO1)
+    cfg.curriculum = {}
+    assert worlds.supported(cfg)
+    robot = cfg.scene.entities["robot"]
+    motors = [replace(motor, delay_max_lag=2) for motor in robot.articulation.actuators]
+    robot.articulation = replace(robot.articulation, actuators=tuple(motors))
+    assert not worlds.supported(cfg)
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("name", [GO1, G1, ROUGH])
 def test_a_recorded_step_follows_mjlab_s(name, generator, monkeypatch):

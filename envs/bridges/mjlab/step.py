@@ -218,7 +218,13 @@ def supported(cfg: Any) -> bool:
         term.func.__name__ == LEVELS and [*term.params] == ["command_name"]
         for term in cfg.curriculum.values()
     ]
-    return all([*events, *commands, *levels]) and not cfg.is_finite_horizon
+    late = [  # mjlab's buffers of delays move on the CPU
+        actuator.delay_max_lag > 0
+        for entity in cfg.scene.entities.values()
+        if entity.articulation is not None
+        for actuator in entity.articulation.actuators
+    ]
+    return all([*events, *commands, *levels]) and not any(late) and not cfg.is_finite_horizon
 
 
 def _yaw(frames: Tensor) -> Tensor:
