@@ -434,13 +434,26 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
         envs.make(CARTPOLE, 1, "cpu", robust=True)
 
 
-def test_robots_whose_motors_are_late_take_mjlab_s_own_step():
-    cfg = worlds.load(GO1)
-    cfg.curriculum = {}
-    assert worlds.supported(cfg)
+def late(cfg: Any) -> None:
     robot = cfg.scene.entities["robot"]
     motors = [replace(motor, delay_max_lag=2) for motor in robot.articulation.actuators]
     robot.articulation = replace(robot.articulation, actuators=tuple(motors))
+
+
+def shaken(cfg: Any) -> None:
+    cfg.events["shake"] = replace(cfg.events["push_robot"], mode="step")
+
+
+def sanitized(cfg: Any) -> None:
+    cfg.observations["actor"].nan_policy = "sanitize"
+
+
+@pytest.mark.parametrize("change", [late, shaken, sanitized])
+def test_mjlab_s_own_step_does_what_a_recorded_one_cannot(change):
+    cfg = worlds.load(GO1)
+    cfg.curriculum = {}
+    assert worlds.supported(cfg)
+    change(cfg)
     assert not worlds.supported(cfg)
 
 

@@ -204,6 +204,7 @@ def supported(cfg: Any) -> bool:
     """Return whether `MaskedStep` can step environments with this config."""
     events = [
         event.func.__name__ in EVENTS
+        and event.mode != "step"
         and not event.is_global_time
         and not event.min_step_count_between_reset
         for event in cfg.events.values()
@@ -224,7 +225,10 @@ def supported(cfg: Any) -> bool:
         if entity.articulation is not None
         for actuator in entity.articulation.actuators
     ]
-    return all([*events, *commands, *levels]) and not any(late) and not cfg.is_finite_horizon
+    groups = [group for group in cfg.observations.values() if group is not None]
+    checked = [group.nan_policy != "disabled" for group in groups]  # which waits for the GPU
+    others = any([*late, *checked, cfg.is_finite_horizon])
+    return all([*events, *commands, *levels]) and not others
 
 
 def _yaw(frames: Tensor) -> Tensor:
