@@ -59,19 +59,19 @@ class Replay:
         self._observation, self._following = zeros(features), zeros(features)
         self._action, self._reward = zeros(env.action_size), zeros(len(env.objectives))
         self._terminated, self._over = zeros(dtype=torch.bool), zeros(dtype=torch.bool)
-        self._stored = torch.zeros((), dtype=torch.int64, device=env.device)  # steps so far
+        self.stored = torch.zeros((), dtype=torch.int64, device=env.device)  # steps so far
 
     def state(self) -> list[Tensor]:
-        episodes = self._terminated, self._over, self._stored
+        episodes = self._terminated, self._over, self.stored
         return [self._observation, self._following, self._action, self._reward, *episodes]
 
     def clear(self) -> None:
-        self._stored.zero_()
+        self.stored.zero_()
 
     def add(self, rollout: Rollout) -> None:
         """Store the T steps of a rollout in place of the oldest ones."""
         steps = len(rollout.reward)
-        rows = (self._stored + torch.arange(steps, device=self._stored.device)) % self.capacity
+        rows = (self.stored + torch.arange(steps, device=self.stored.device)) % self.capacity
         pairs = (
             (self._observation, rollout.observation),
             (self._following, rollout.final_observation),
@@ -82,7 +82,7 @@ class Replay:
         )
         for column, values in pairs:
             column.index_copy_(0, rows, values.flatten(1, 2))
-        self._stored += steps
+        self.stored += steps
 
     def sample(
         self, number: int, steps: int, discount: float, generator: torch.Generator
@@ -93,11 +93,11 @@ class Replay:
         ends, also at a time limit, where the value of the last state still counts, or at the newest
         step. The `discount` is per control step.
         """
-        held = self._stored.clamp(max=self.capacity)
+        held = self.stored.clamp(max=self.capacity)
         draws = self._reward.new_empty(2, number).uniform_(generator=generator)
         age = (draws[0] * held).long().clamp(max=held - 1)  # 0 is the oldest
         world = (draws[1] * self.num_worlds).long().clamp(max=self.num_worlds - 1)
-        oldest = self._stored - held
+        oldest = self.stored - held
 
         def row(later: int) -> Tensor:
             return (oldest + age + later) % self.capacity
@@ -310,13 +310,10 @@ class HyperSAC(Learner):
         super()._restart_metrics()
         self._updates = 0
 
-    def state_dict(self) -> dict[str, Any]:
-        return {**super().state_dict(), "held": self._held}
-
     def load_state_dict(self, state: dict[str, Any]) -> None:
         transitions = self._process_state.get("transitions", [])
         if not transitions or "transitions" not in state:
             self.replay.clear()
-            state = {**state, "held": 0, "transitions": transitions}
+            state = {**state, "transitions": transitions}
         super().load_state_dict(state)
-        self._held = state["held"]
+        self._held = int(self.replay.stored) * self.config.worlds

@@ -169,13 +169,18 @@ def test_exploration_holds_its_noise_for_a_time(task, hold, share, generator):
     assert equal[:, 0, 0].std() > 0 or not share  # not all steps of some worlds
 
 
-def test_a_run_without_its_replay_fills_it_before_it_learns(constants):
+@pytest.mark.parametrize("on_gpu", [True, False])
+def test_a_run_without_its_replay_fills_it_before_it_learns(constants, on_gpu):
     constants("hyper-sac", start=600)
     config = small("hyper-sac", 20)
     learner = trained(config, 3)
     other = trained(config, 0)
-    del other._process_state["transitions"]  # as on a GPU
-    other.load_state_dict(learner.state_dict())
+    state, current = learner.state_dict(), other.state_dict()
+    if on_gpu:
+        del other._process_state["transitions"]
+    else:  # the run had another number of processes
+        state |= {name: current[name] for name in other.per_process}
+    other.load_state_dict(state)
     before = other.agent.actor.bias.detach().clone()
     for changed in (False, False, True):  # an iteration stores 256 transitions
         other.iterate()
