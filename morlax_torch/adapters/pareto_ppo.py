@@ -168,6 +168,8 @@ class ParetoPPO(PPO):
         tradeoffs = torch.empty_like(self._centers)
         if warm := self._rollouts >= self._warmup:
             sample_cells(tradeoffs, self._centers)
+            if len(tradeoffs) > K:  # fewer than objectives, which have their turns
+                tradeoffs = tradeoffs[torch.randperm(len(tradeoffs))]
         else:
             tradeoffs, K = self.actor.focus[None], 1
         self._rollouts += 1

@@ -110,6 +110,14 @@ def test_advantages_are_those_of_ppo_for_the_weighted_reward():
     assert torch.allclose(family.storage.advantages, expected, atol=1e-5)
 
 
+def test_fewer_tradeoffs_than_objectives_take_turns():
+    family, drawn = make(tradeoffs=1, evaluation_worlds=0, warmup=0).alg, []
+    for _ in range(40):
+        family._begin_rollout()
+        drawn.append(family.actor.tradeoffs)
+    assert torch.cat(drawn).argmax(1).float().mean().item() == pytest.approx(0.5, abs=0.4)
+
+
 def test_rows_of_minibatches_stay_with_their_tradeoffs():
     storage = FamilyStorage(2, 8, "rl", 16, 6, Points(16).get_observations(), [2], "cpu")
     storage.actions[:] = torch.arange(16.0)[:, None]
