@@ -178,10 +178,11 @@ def representatives(front: Front) -> dict[int, str]:
 def mean_indicators(fronts: Sequence[Front]) -> dict[str, float]:
     """Return the mean of each indicator over fronts, such as those of several bodies."""
     measured = [front.indicators() for front in fronts]
+    means = {name: float(np.mean([each[name] for each in measured])) for name in measured[0]}
     # numbers of policies stay whole
     return {
-        name: type(one)(np.mean([indicators[name] for indicators in measured]))
-        for name, one in measured[0].items()
+        name: round(mean) if isinstance(measured[0][name], int) else mean
+        for name, mean in means.items()
     }
 
 

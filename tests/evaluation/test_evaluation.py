@@ -13,7 +13,7 @@ from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation import evaluator as module
 from morlax_torch.evaluation.evaluator import Evaluator, make_evaluator, usual_tradeoffs
-from morlax_torch.evaluation.front import Front
+from morlax_torch.evaluation.front import Front, mean_indicators
 from morlax_torch.gpu.group import ALONE, Group
 from morlax_torch.networks.agent import Agent
 
@@ -356,6 +356,11 @@ def test_a_fall_on_the_last_step_counts(agent, protocol):
     env.FAILED = torch.tensor([[False, False, False, failed] for failed in (True, False, False)])
     front = Evaluator(agent, env, TRADEOFFS, protocol).evaluate()
     assert front.falls.tolist() == [1, 0, 0]
+
+
+def test_a_mean_number_of_policies_is_rounded(front):
+    fronts = [front, front, front._replace(returns=np.zeros((3, 2)))]  # 2, 2 and 1
+    assert mean_indicators(fronts)["cardinality"] == 2
 
 
 def test_a_front_can_be_saved_and_loaded(front, tmp_path):
