@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mujoco import mjtBias, mjtJoint
 
-from ..errors import MorlaxError, user_code
+from ..errors import MorlaxError, user_code, warn_user
 from .trees import base_of, horizontal
 
 STRIDE = 0.5  # rad or m, by which servos of a robot that can fall leave the start pose at most
@@ -19,7 +19,8 @@ class Draft:
     """A task for the robot of an MJCF, whose attributes fill in draft.jinja.
 
     Raises:
-        MorlaxError: MuJoCo cannot load the MJCF, or it has no actuators, or no floor to fall on.
+        MorlaxError: MuJoCo cannot load the MJCF, or it has no actuators or no floor to fall on,
+            or the rewarded body has no name.
     """
 
     def __init__(self, path: Path):
@@ -47,6 +48,9 @@ class Draft:
         tips = robot[~np.isin(robot, model.body_parentid)]
         far = np.linalg.norm(self.data.xipos[tips] - self.data.xpos[base], axis=1)
         self.body = base if self.floating else tips[far.argmax()]
+        if not model.body(self.body).name:
+            name = '<body name="trunk">'
+            raise MorlaxError(f"body {self.body} of {path} is rewarded: name it, such as {name}.")
         self.height, self.upright = self.data.xpos[base, 2], self.data.xmat[base, 8] > 0.9
         self.sensors = shorten(", ".join(model.sensor(i).name for i in range(model.nsensor)), 60)
         self._see_actuators()
@@ -81,6 +85,8 @@ class Draft:
         model, data, random, rows, places = self.model, self.data, np.random.default_rng(0), [], []
         self.substeps = max(1, round(0.02 / model.opt.timestep))
         _, rest, reach = map(np.array, zip(*self.actuators, strict=True))
+        warnings: list[str] = []  # which MuJoCo would print, and log in the working directory
+        mujoco.set_mju_user_warning(warnings.append)
         for step in range(5 * TRIAL):
             if step % TRIAL == 0:
                 self._restart()
@@ -90,6 +96,11 @@ class Draft:
             power = np.abs(data.actuator_force * data.actuator_velocity).sum()
             rows.append((power, data.ncon, data.nefc))
             places.append(data.xipos[self.body].copy())
+        if warnings:
+            warn_user(
+                f"random actions are too much for this robot ({warnings[0].rstrip('.')}): use a "
+                "smaller time step in its MJCF, more damping, or weaker motors."
+            )
         self.power, _, _ = np.quantile(rows, 0.25, axis=0)
         _, self.contacts, self.constraints = np.max(rows, axis=0)
         box = np.quantile(places, (0.05, 0.95), axis=0)

@@ -16,6 +16,7 @@ from tiny import TYPED
 from morlax_torch import __main__, envs
 from morlax_torch.__main__ import command
 from morlax_torch.commands import new, train
+from morlax_torch.envs.errors import MorlaxWarning
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.machine import gpu
 
@@ -24,7 +25,7 @@ WALKER = """
 <mujoco>
   <worldbody>
     {floor}
-    <body name="trunk" pos="0 0 0.4">
+    <body {name} pos="0 0 0.4">
       {root}
       <geom type="box" size="0.2 0.1 0.05" mass="2"/>
       <body>
@@ -38,6 +39,7 @@ WALKER = """
 </mujoco>
 """
 PARTS = {
+    "name": 'name="trunk"',
     "floor": '<geom type="plane" size="0 0 1"/>',
     "root": '<freejoint/><site name="imu"/>',
     "actuator": '<motor joint="hip" ctrlrange="-9 5"/>',
@@ -119,6 +121,7 @@ def test_an_arm_holds_its_pose_and_reaches_for_targets_that_change(arm):
     [
         ("actuator", "", "has no actuators: add them for its joints, .*<motor"),
         ("floor", "", "has no floor: name a scene that has one, or add <geom"),
+        ("name", "", "body 1 of odd.xml is rewarded: name it"),
         ("root", "<freejoint", "MuJoCo cannot load odd.xml: .*[Ll]ine"),
     ],
 )
@@ -126,6 +129,14 @@ def test_models_that_cannot_be_trained_are_refused(part, text, words, folder, re
     Path("odd.xml").write_text(WALKER.format(**PARTS | {part: text}))
     assert re.search(words, refused(new, "odd.xml"))
     assert not Path("odd.py").exists()
+
+
+def test_a_robot_that_blows_up_is_reported(folder):
+    violent = WALKER.format(**PARTS | {"actuator": '<velocity joint="hip" kv="1e4"/>'})
+    Path("violent.xml").write_text(violent)
+    with pytest.warns(MorlaxWarning, match=r"unstable.*use a smaller time step"):
+        new.command(["violent.xml"])
+    assert not Path("MUJOCO_LOG.TXT").exists()
 
 
 def test_no_file_is_overwritten(folder, refused):

@@ -231,6 +231,7 @@ class Robot:
         settings = deployment.settings
         driven = settings.driven
         self.model = model = copy(deployment.model)
+        mujoco.set_mju_user_warning(lambda message: None)  # see `broken`; no MUJOCO_LOG.TXT
         self.data, self.dt = mujoco.MjData(model), settings.step_dt
         self.base = base_of(model)
         self._disturbances = disturbances or Disturbances((0.0, 0.0), 0.0, 0.0)
