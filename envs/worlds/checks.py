@@ -16,7 +16,11 @@ from .trees import base_of
 
 
 def model(task: Any, compiled: mujoco.MjModel) -> None:
-    """Refuse models with state that a reset does not restore."""
+    """Refuse models with state that a reset does not restore, and `substeps` that are none."""
+    if not isinstance(task.substeps, int | np.integer) or task.substeps < 1:
+        raise MorlaxError(
+            f"{task.__name__}.substeps is {task.substeps}: it must be a whole number from 1."
+        )
     if compiled.npluginstate or compiled.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
         cause = "has plugins with a state" if compiled.npluginstate else "lets bodies sleep"
         raise MorlaxError(
@@ -27,10 +31,10 @@ def model(task: Any, compiled: mujoco.MjModel) -> None:
 
 
 def start(env: Any) -> np.ndarray:
-    """Return `initial_qpos()` if it has the shape (nq,)."""
+    """Return `initial_qpos()` if it has the shape (nq,) and is finite."""
     qpos, nq = np.asarray(env.initial_qpos()), env.physics.model.nq
-    if qpos.shape != (nq,):
-        raise _wrong(env, "initial_qpos()", qpos, f"({nq},), one number per qpos")
+    if qpos.shape != (nq,) or not np.isfinite(qpos).all():
+        raise _wrong(env, "initial_qpos()", qpos, f"({nq},), one finite number per qpos")
     return qpos
 
 

@@ -216,7 +216,10 @@ class Config(Section):
                 f"sampling.corners is {corners}: with {m} objectives it must be 0 or {m}"
             )
         if corners > K:
-            raise ValueError(f"sampling.clusters ({K}) is less than the {corners} corners")
+            raise ValueError(
+                f"sampling.clusters ({K}) is less than the {corners} corners: raise it, or set "
+                "sampling.corners to 0"
+            )
         if focus and (len(focus) != m + 1 or not any(focus[:-1]) or not 0 < focus[-1] <= 1):
             raise ValueError(
                 f"sampling.focus is {focus}: give one weight for each of the {m} objectives, at "

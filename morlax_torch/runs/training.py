@@ -168,8 +168,7 @@ class Session:
         progress.train_seconds += elapsed
         progress.env_steps = learner.env_steps
         progress.steps_per_second = iterations * learner.steps_per_iteration / elapsed
-        rollouts = learner.config.worlds * learner.group.size * iterations
-        self._check(metrics, first, all_blew_up=progress.blowups - blowups >= rollouts)
+        self._check(metrics, first, progress.blowups - blowups)
         metrics["env_steps_per_second"] = progress.steps_per_second
         scalars = {f"train/{name}": value for name, value in metrics.items()}
         if learner.rates is not None:
@@ -217,21 +216,24 @@ class Session:
         if run:  # once the row is told
             yield partial(run.draw, front, learner.config, now.env_steps)
 
-    def _check(self, metrics: dict[str, float], first: int, all_blew_up: bool) -> None:
+    def _check(self, metrics: dict[str, float], first: int, blowups: int) -> None:
         learner = self.learner
+        iterations = learner.iteration - first
         span = f"iterations {first + 1} to {learner.iteration}"
         if metrics["overflow"]:
             remedy = learner.env.remedy(int(metrics["overflow"]))
             raise self._failure(f"contacts overflowed their buffers in {span}: {remedy}")
         section = "method" if learner.config.off_policy else "ppo"
+        remedy = f"try a lower --{section}.learning-rate"
+        if blowups >= learner.steps_per_iteration * iterations:  # also before the first update
+            remedy = UNSTABLE
         for name, value in metrics.items():
             if (name == "entropy" or name.endswith("_loss")) and not math.isfinite(value):
                 raise self._failure(
                     f"the {name.replace('_', ' ')} became {value} in {span} "
-                    f"({metrics['blowups']:.0f} worlds have blown up so far): "
-                    f"try a lower --{section}.learning-rate"
+                    f"({metrics['blowups']:.0f} worlds have blown up so far): {remedy}"
                 )
-        if all_blew_up:
+        if blowups >= learner.config.worlds * learner.group.size * iterations:
             raise self._failure(f"every world blew up in each rollout of {span}: {UNSTABLE}")
 
     def _failure(self, sentence: str) -> MorlaxError:

@@ -80,6 +80,15 @@ def test_a_run_of_which_every_world_blows_up_stops_with_a_reason(unsound, tmp_pa
     assert (tmp_path / "run" / "checkpoints" / "latest.pt").exists()
 
 
+def test_observations_that_are_never_finite_are_no_fault_of_the_learning_rate(
+    crowd, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(Crowd, "observe", lambda self: self.physics.qpos * float("nan"))
+    quick = {"evaluation.every": None, "max_seconds": 5}  # evaluated at its end only
+    with pytest.raises(MorlaxError, match=r"loss became nan .*: check the task's rewards and obs"):
+        train(small(**quick), output=tmp_path / "run")
+
+
 def test_blow_ups_are_counted_in_evaluations_and_metrics(crowd, tmp_path, monkeypatch):
     def terms(self) -> dict[str, Tensor]:
         speed = self.physics.qvel[:, 0].clone()
