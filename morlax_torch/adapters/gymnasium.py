@@ -26,7 +26,7 @@ from ..envs.worlds import checks
 from ..gpu.graph import Graph
 from ..host.resources import one_thread
 from ..viewers.camera import FollowingCamera
-from ..viewers.filming.rendering import Scene
+from ..viewers.filming.rendering import Scene, check_size
 
 
 def box(size: int, limit: float = np.inf) -> gymnasium.spaces.Box:
@@ -45,6 +45,7 @@ class Pictures:
     """Draws a robot, or shows it in a window. It opens either with the first picture."""
 
     def __init__(self, robot: Robot, width: int, height: int):
+        check_size(width, height)
         model = robot.physics.model
         self._model, self._data, self._dt = model, mujoco.MjData(model), robot.dt
         self._size = width, height

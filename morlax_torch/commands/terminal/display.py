@@ -1,5 +1,6 @@
 """Live progress in the terminal."""
 
+import shlex
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -44,7 +45,7 @@ class Display(Live):
             f"{env.device} ({env.simulator}), {config.num_clusters} trade-offs at a time, "
             f"seed {config.seed}"
         )
-        yield f"{self._folder}  (tensorboard --logdir {self._folder.parent})"
+        yield f"{self._folder}  (tensorboard --logdir {shlex.quote(str(self._folder.parent))})"
         if not env.shows_endings:
             yield (
                 "these worlds do not show how an episode ended: steps at a time limit are left out "
