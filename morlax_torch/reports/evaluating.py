@@ -17,7 +17,7 @@ from ..evaluation.front import Front
 from ..host.files import unused
 from ..host.phases import phase, within
 from ..networks.policy import Policy
-from ..runs import loading
+from ..runs import checkpoint, loading
 from ..runs.checkpoint import front_path
 from ..runs.hardware import read_machines
 from ..runs.progress import History
@@ -87,6 +87,9 @@ def evaluate_runs(
     folder, path = loading.own_folder(runs[0]), Path(runs[0])
     other = path.is_file() and path.parent.name == "checkpoints" and path.name != "best.pt"
     in_run = len(runs) == 1 and folder is not None and as_trained
+    if in_run:  # a training run may have a better best.pt meanwhile: its front must stay
+        newest = checkpoint.fingerprint(checkpoint.load(files[name]).agent)
+        in_run = newest == fronts[name].fingerprint
     if output is not None:
         folder = output
     elif folder is None or other or not in_run:

@@ -93,6 +93,16 @@ def test_evaluating_another_checkpoint_leaves_the_run_s_own_files(run, workplace
     assert "other.pt" in (folder / "report.html").read_text()
 
 
+def test_evaluating_a_run_in_training_leaves_the_front_of_newer_policies(run, workplace):
+    best = run / "checkpoints/best.pt"
+    newer, before = best.read_bytes(), load_front(run)
+    shutil.copy(run / "checkpoints/latest.pt", best)
+    replaced = {"show": lambda _: best.write_bytes(newer)}
+    _, folder = evaluate_runs([str(run)], "", tradeoffs=5, device="cpu", **replaced)
+    assert folder.parent == Path("evaluations")
+    np.testing.assert_array_equal(load_front(run).returns, before.returns)
+
+
 NOISY = {"task.reset_noise": 0.1}
 
 
