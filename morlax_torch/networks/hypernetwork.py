@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from ..envs.errors import MorlaxError
 from ..gpu import fused
 from .family import Generated, on_simplex
 from .mlp import mlp, mlp_sizes
@@ -34,7 +35,7 @@ class Hypernetwork(Generated):
         generator: draws the initial f and M.
 
     Raises:
-        MorlaxError: the target is no module with parameters.
+        MorlaxError: the target is no module with parameters, or there is no objective.
     """
 
     def __init__(
@@ -50,7 +51,9 @@ class Hypernetwork(Generated):
         generator: torch.Generator | None = None,
     ):
         super().__init__(target)
-        inputs = num_objectives + context_size
+        if num_objectives < 1:
+            raise MorlaxError(f"num_objectives is {num_objectives}: it must be at least 1.")
+        self._inputs = inputs = num_objectives + context_size
         start = torch.cat([p.detach().flatten() for p in target.parameters()])
         self.features = features or mlp(inputs, hidden_sizes, num_features, generator, start.dtype)
         self._num_objectives = num_objectives
@@ -60,6 +63,9 @@ class Hypernetwork(Generated):
         self.bias = nn.Parameter(start)
 
     def flat(self, conditions: Tensor) -> Tensor:
+        if conditions.shape[-1] != self._inputs:
+            shape = tuple(conditions.shape)
+            raise MorlaxError(f"trade-offs are (K, {self._inputs}) for this network, not {shape}.")
         inputs = on_simplex(conditions, self._num_objectives)
         features = fused.mlp(inputs, self._features_mlp, self.features)  # (K, F)
         return torch.addmm(self.bias, features, self.weight.t())

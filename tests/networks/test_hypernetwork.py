@@ -131,3 +131,5 @@ def test_trade_offs_without_a_direction_are_refused(row):
     family = Hypernetwork(nn.Linear(3, 2), M)
     with pytest.raises(MorlaxError, match="must be finite, and its weights must not sum to zero"):
         family(torch.tensor([[0.2, 0.3, 0.5], row]))
+    with pytest.raises(MorlaxError, match=r"are \(K, 3\) for this network, not \(1, 2\)"):
+        family(torch.ones(1, 2))
