@@ -12,7 +12,8 @@ from statistics import mean
 
 import tyro
 import yaml
-from compare import Plan, Row, read, volumes_of
+from compare import Plan, volumes_of
+from row_files import Row, read_rows
 
 from morlax_torch import MorlaxError
 from morlax_torch.commands.terminal import cli
@@ -31,7 +32,7 @@ def main(rows: Path, search: Sequence[Path], seeds: Sequence[int], output: Path)
     plans = [Plan(**read_yaml(path)) for path in search]
     if chosen_by := {seed for plan in plans for seed in plan.seeds} & set(seeds):
         raise MorlaxError(f"Seeds {sorted(chosen_by)} have chosen settings: report on others.")
-    results = read(rows)
+    results = read_rows(rows)
     comparison = {"tasks": plans[0].tasks, "seeds": [*seeds], "seconds": plans[0].seconds}
     comparison["methods"] = {
         method: {**plan.methods[method], "tasks": best_settings(plan, method, results)}

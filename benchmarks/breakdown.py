@@ -17,6 +17,7 @@ from pathlib import Path
 import torch
 import tyro
 from matplotlib.figure import Figure
+from row_files import write_rows
 
 from morlax_torch.commands.terminal import cli
 
@@ -70,10 +71,8 @@ def main(
     for task in env:
         spent = measured(task, seconds, seed)
         rows += [(card, task, part, f"{spent.get(part, 0.0):.3f}") for part in PARTS]
-    with output.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("card", "task", "part", "seconds"))
-        writer.writerows(rows)
+    columns = ("card", "task", "part", "seconds")
+    write_rows(output, [dict(zip(columns, row, strict=True)) for row in rows])
     if figure:
         drawn(rows).savefig(figure, dpi=150)
 

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 import tyro
 from matplotlib.figure import Figure
+from row_files import markdown
 from torch import Tensor
 from walks import Array, Walks, walks
 
@@ -145,13 +146,13 @@ def table(found: list[dict[str, tuple[float, str]]]) -> str:
     several = len(found) > 1
     runs = [f"run {k}" for k in range(len(found))] if several else ["measured"]
     heads = ["", "target", *runs, *(["median (range)"] if several else [])]
-    lines = [heads, ["---"] * len(heads)]
+    lines = []
     for name, (_, target) in found[0].items():
         values = [run[name][0] for run in found]
         middle = f"{median(values):.3g} ({min(values):.3g} to {max(values):.3g})"
         cells = [f"{value:.4g}" for value in values]
         lines.append([name, target, *cells, *([middle] if several else [])])
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+    return markdown(heads, lines)
 
 
 def main(

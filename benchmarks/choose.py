@@ -17,7 +17,6 @@ Writes OUTPUT.csv, one row per requirement, and OUTPUT.md, the table. To merge r
     python benchmarks/choose.py --robots --given first.csv second.csv --output results
 """
 
-import csv
 import time
 from pathlib import Path
 from statistics import median
@@ -26,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 import tyro
+from row_files import markdown, read_tuples, write_rows
 
 from morlax_torch import MorlaxError, Policy, envs, load
 from morlax_torch.commands.terminal.cli import console
@@ -83,7 +83,7 @@ def main(
         output: Path of the files, without suffix.
     """
     target = str(envs.resolve_device(device))
-    rows = [row for path in given for row in read(path)]
+    rows = [row for path in given for row in read_tuples(Row, path)]
     for name in robots:
         try:
             robot = Robot(name, reference, target)
@@ -172,39 +172,23 @@ class Robot:
         return returns[0].double().numpy()
 
 
-def read(path: Path) -> list[Row]:
-    """Read rows that `write` wrote."""
-    kinds = Row.__annotations__.values()
-    with path.open(newline="") as file:
-        _, *rows = csv.reader(file)
-    return [
-        Row(*(v == "True" if k is bool else k(v) for k, v in zip(kinds, row, strict=True)))
-        for row in rows
-    ]
-
-
 def write(rows: list[Row], output: Path) -> None:
     """Write the rows, and the table by robot."""
     output.parent.mkdir(parents=True, exist_ok=True)
-    with output.with_suffix(".csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerows([Row._fields, *rows])
-    lines = [
-        "| robot | objectives | requirements | missed | loss: median | largest | over 1 % "
-        "| simulated: median | seconds: median |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    write_rows(output.with_suffix(".csv"), [row._asdict() for row in rows], Row._fields)
+    heads = ["robot", "objectives", "requirements", "missed", "loss: median", "largest"]
+    heads += ["over 1 %", "simulated: median", "seconds: median"]
+    lines = []
     for name in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == name]
         losses = [row.loss for row in own]
-        lines.append(
-            f"| {name} | {len(own[0].tradeoff.split())} | {len(own)} "
-            f"| {sum(row.missed for row in own)} | {median(losses):.2%} | {max(losses):.2%} "
-            f"| {sum(loss > 0.01 for loss in losses)} "
-            f"| {median(row.simulations for row in own):.0f} "
-            f"| {median(row.seconds for row in own):.1f} |"
-        )
-    output.with_suffix(".md").write_text("\n".join(lines) + "\n")
+        counts = len(own[0].tradeoff.split()), len(own), sum(row.missed for row in own)
+        large = sum(loss > 0.01 for loss in losses)
+        simulations = median(row.simulations for row in own)
+        seconds = median(row.seconds for row in own)
+        cells = [*map(str, counts), f"{median(losses):.2%}", f"{max(losses):.2%}", str(large)]
+        lines.append([name, *cells, f"{simulations:.0f}", f"{seconds:.1f}"])
+    output.with_suffix(".md").write_text(markdown(heads, lines))
 
 
 if __name__ == "__main__":

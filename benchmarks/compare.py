@@ -25,7 +25,6 @@ starts. Started again, the command trains the runs that have no rows yet. A run 
 row with its error.
 """
 
-import csv
 import gc
 import math
 import os
@@ -43,6 +42,7 @@ from typing import Any, NamedTuple
 import torch
 import tyro
 from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
+from row_files import Row, append_rows, read_rows
 
 from morlax_torch import config_for, load
 from morlax_torch.commands.terminal import cli
@@ -66,8 +66,6 @@ COLUMNS = (
     *("hypervolume", *INDICATORS, "error"),
 )
 ENDING = 25.0  # seconds that a run needs beside its training, once its kernels are compiled
-
-Row = dict[str, str]
 
 
 class Job(NamedTuple):
@@ -156,7 +154,7 @@ def main(
     cards = torch.cuda.device_count() if device != "cpu" else 0
     end, lock = time.monotonic() + 60 * minutes, threading.Lock()
     while True:
-        jobs = runs.jobs(rows := read(output), device)
+        jobs = runs.jobs(rows := read_rows(output), device)
         done = {tuple(row[name] for name in KEY) for row in rows}
         missing = deque(job for job in jobs if job.key not in done)
         console.print(f"{len(missing)} of {len(jobs)} runs to train")
@@ -198,7 +196,8 @@ def _train_all(
             pool.shutdown(wait=False)
             pool = None  # a CUDA error leaves its process unusable
         with lock:
-            append(output, [dict(zip(KEY, job.key, strict=True)) | row for row in rows])
+            key = dict(zip(KEY, job.key, strict=True))
+            append_rows(output, [key | rounded(row) for row in rows], COLUMNS)
         result = rows[-1].get("hypervolume", rows[-1].get("error"))
         console.print(f"{job}: {result}, {time.monotonic() - start:.0f} s")
     if pool:
@@ -261,23 +260,8 @@ def volumes_of(rows: Sequence[Row]) -> dict[tuple[str, ...], float]:
     }
 
 
-def read(path: Path) -> list[Row]:
-    """Read the rows of a CSV file; none if there is no file."""
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def append(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Append rows to a CSV file, with a header if they are the first."""
-    new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        if new:
-            writer.writeheader()
-        for row in rows:
-            writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
+def rounded(row: dict[str, Any]) -> dict[str, Any]:
+    return {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
 
 
 def release_memory() -> None:

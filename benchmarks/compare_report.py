@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 import tyro
-from compare import KEY, Row, read
+from compare import KEY
 from compare_statistics import best_so_far, interquartile_mean, interval, mean, median
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from row_files import Row, markdown, read_rows
 
 from morlax_torch import MorlaxError
 from morlax_torch.commands.terminal import cli
@@ -61,7 +62,7 @@ def main(
         fronts: Folder of the fronts that compare.py has saved.
         objectives: m of each task, in their order.
     """
-    runs = runs_of(read(rows))
+    runs = runs_of(read_rows(rows))
     if not runs:
         raise MorlaxError(f"{rows} has no complete run: name a file that compare.py has written.")
     if ours not in _methods(runs):
@@ -292,12 +293,6 @@ def _add_legend(figure: Figure) -> None:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     options = {"loc": "outside lower center", "ncols": 4, "frameon": False}
     figure.legend(handles, labels, markerscale=3, **options)
-
-
-def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """Return a table."""
-    rows = [heads, ["---"] * len(heads), *lines]
-    return "".join(f"| {' | '.join(row)} |\n".replace("  ", " ") for row in rows)
 
 
 def _methods(runs: Runs) -> list[str]:

@@ -6,12 +6,12 @@ A row of the CSV file is a body: its design, and the hypervolume of its own fron
 and from a specialist, which is trained with one body and otherwise the same config.
 """
 
-import csv
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import tyro
+from row_files import write_rows
 
 import morlax_torch
 from morlax_torch.commands.terminal import cli
@@ -60,10 +60,7 @@ def main(
         if seconds:
             row["specialist"] = specialist(policy, named, seconds, clusters, seed, target.type)
         rows.append(row)
-        with output.open("w", newline="") as file:
-            writer = csv.DictWriter(file, row)
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(output, rows)
         console.print(", ".join(f"{name} {value:.4g}" for name, value in row.items()))
     measured = [name for name in ("family", "specialist") if name in rows[0]]
     mean = {name: np.mean([row[name] for row in rows]) for name in measured}

@@ -3,7 +3,6 @@
 python benchmarks/kernels.py --env cheetah ant --output kernels.csv
 """
 
-import csv
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ from unittest.mock import patch
 
 import torch
 import tyro
+from row_files import write_rows
 from throughput import milliseconds
 
 from morlax_torch import MORLAX, config_for
@@ -55,8 +55,9 @@ def main(
             learner.compile()
             ready = time.perf_counter() - start
             taken = milliseconds(learner.iterate, seconds)
-            rows.append([config.env, kernel, instead, f"{taken:.3f}", f"{ready:.2f}"])
-            console.print(*rows[-1])
+            row = {"task": config.env, "kernel": kernel, "instead": instead}
+            rows.append(row | {"iteration_ms": f"{taken:.3f}", "ready_s": f"{ready:.2f}"})
+            console.print(*rows[-1].values())
 
         measure("all", "")
         kernels = fused.kernels(worlds.device)
@@ -70,10 +71,7 @@ def main(
                     measure(name, way)
         measure("all", "")
     if output:
-        with output.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["task", "kernel", "instead", "iteration_ms", "ready_s"])
-            writer.writerows(rows)
+        write_rows(output, rows)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ The table also counts kills before there was a run to resume (early), temporary 
 left (drafts), and those that are still there when the resumed run ends (left over).
 """
 
-import csv
 import random
 import re
 import shutil
@@ -28,6 +27,7 @@ import torch
 import tyro
 import yaml
 from rich.table import Table
+from row_files import read_rows
 from torch import Tensor
 
 from morlax_torch.commands.terminal.cli import console
@@ -200,7 +200,7 @@ def train(task: str, place: Path, seconds: float | None) -> Session:
             process.kill()
             status = None if process.wait() else 0  # 0: it ended just before
     passed = time.monotonic() - began
-    evaluations = len(_rows(run / "metrics.csv")) if run.exists() else None
+    evaluations = len(read_rows(run / "metrics.csv")) if run.exists() else None
     return Session(passed, status, evaluations, len(_unfinished(place) - before))
 
 
@@ -225,7 +225,7 @@ def _contents(path: Path) -> Any:
                 with np.load(path) as arrays:
                     return dict(arrays)
             case _:
-                return _rows(path)
+                return read_rows(path)
     except Exception as error:  # numpy, zip and torch each fail in their own way
         return f"{type(error).__name__}: {error}"
 
@@ -241,13 +241,6 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, object]]:
         yield name, (array.dtype, array.shape, array.tobytes())
     else:
         yield name, repr(value)
-
-
-def _rows(metrics: Path) -> list[dict[str, str]]:
-    if not metrics.is_file():
-        return []
-    with metrics.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def _names(place: Path) -> set[str]:

@@ -3,7 +3,6 @@
 python benchmarks/mjlab_front.py runs/go1-0 runs/go1-1 --peers default.pt effort.pt
 """
 
-import csv
 from pathlib import Path
 
 import mjlab_peer
@@ -11,6 +10,7 @@ import tyro
 from matplotlib.figure import Figure
 from mjlab_walks import ERROR, POWER, dominated, walk
 from rich.table import Table
+from row_files import write_rows
 
 from morlax_torch import load
 from morlax_torch.commands.terminal.cli import console
@@ -83,11 +83,12 @@ def main(
     if figure is not None:
         drawing.savefig(figure, dpi=150)
     if output is not None:
-        with output.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["run", "policy", "tradeoff", *shown])
-            for name, label, weights, values in rows:
-                writer.writerow([name, label, weights, *(values.get(key, "") for key in shown)])
+        columns = ["run", "policy", "tradeoff", *shown]
+        policies = [
+            {"run": name, "policy": label, "tradeoff": weights, **values}
+            for name, label, weights, values in rows
+        ]
+        write_rows(output, policies, columns)
 
 
 if __name__ == "__main__":

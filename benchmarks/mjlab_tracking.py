@@ -3,7 +3,6 @@
 python benchmarks/mjlab_tracking.py runs/jazz --peers jazz-4096.pt jazz-16384.pt
 """
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import mjlab_peer
 import numpy as np
 import tyro
 from rich.table import Table
+from row_files import write_rows
 
 from morlax_torch import load
 from morlax_torch.commands.terminal.cli import console
@@ -77,8 +77,7 @@ def main(
         table.add_row(*line)
     console.print(table)
     if output is not None:
-        with output.open("w", newline="") as file:
-            csv.writer(file).writerows([head, *lines])
+        write_rows(output, [dict(zip(head, line, strict=True)) for line in lines])
 
 
 def fronts(agent: Any, config: Config, tradeoffs: int, episodes: int, seed: int) -> list[Front]:

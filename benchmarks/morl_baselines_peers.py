@@ -8,7 +8,6 @@ trade-offs, undiscounted returns, hypervolume from the reference point of the ta
 """
 
 import contextlib
-import csv
 import io
 import time
 from pathlib import Path
@@ -17,13 +16,12 @@ from typing import Any, Literal
 import gymnasium
 import numpy as np
 import tyro
+from row_files import append_rows
 
 from morlax_torch import envs
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.evaluation.pareto import hypervolume
-
-COLUMNS = "task", "algorithm", "seed", "env_steps", "train_seconds", "hypervolume"
 
 
 def main(
@@ -61,13 +59,11 @@ def main(
         for w in even_tradeoffs(tradeoffs, 2)
     ]
     found = hypervolume(np.array(returns), reference)
-    row = (env, algorithm, seed, steps, round(seconds, 1), f"{found:.6g}")
-    console.print(*row)
+    row = {"task": env, "algorithm": algorithm, "seed": seed, "env_steps": steps}
+    row |= {"train_seconds": round(seconds, 1), "hypervolume": f"{found:.6g}"}
+    console.print(*row.values())
     if output is not None:
-        new = not output.exists()
-        with output.open("a", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerows([COLUMNS, row] if new else [row])
+        append_rows(output, [row])
 
 
 def trained(algorithm: str, name: str, reference: np.ndarray, steps: int, seed: int) -> Any:

@@ -6,14 +6,13 @@ Every trial is measured between two runs of the task's own settings, and printed
 their mean.
 """
 
-import csv
-import os
 from dataclasses import fields
 from pathlib import Path
 
 import mujoco_warp
 import torch
 import tyro
+from row_files import write_rows
 from throughput import milliseconds
 
 from morlax_torch import config_for
@@ -56,18 +55,19 @@ def main(
         output: CSV file to write.
     """
     target, version = resolve_device(device), mujoco_warp.__version__
-    with open(output or os.devnull, "w", newline="", buffering=1) as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for task in env:
-            before = steps_per_second(task, worlds, "", target, seconds)
-            for trial in trials:
-                found = steps_per_second(task, worlds, trial, target, seconds)
-                after = steps_per_second(task, worlds, "", target, seconds)
-                ratio = 2 * found / (before + after)
-                writer.writerow([task, trial, before, found, after, ratio, version])
-                console.print(f"{task} {trial}: {found:.4g} steps/s, {ratio:.3f} times as fast")
-                before = after
+    rows = []
+    for task in env:
+        before = steps_per_second(task, worlds, "", target, seconds)
+        for trial in trials:
+            found = steps_per_second(task, worlds, trial, target, seconds)
+            after = steps_per_second(task, worlds, "", target, seconds)
+            ratio = 2 * found / (before + after)
+            cells = (task, trial, before, found, after, ratio, version)
+            rows.append(dict(zip(COLUMNS, cells, strict=True)))
+            if output:
+                write_rows(output, rows)
+            console.print(f"{task} {trial}: {found:.4g} steps/s, {ratio:.3f} times as fast")
+            before = after
 
 
 def steps_per_second(

@@ -7,7 +7,6 @@ its matrix products in TF32. A row also has the size of a checkpoint.
 """
 
 import contextlib
-import csv
 import io
 import tempfile
 import time
@@ -16,6 +15,7 @@ from typing import Any
 
 import torch
 import tyro
+from row_files import write_rows
 from rsl_rl.env import VecEnv
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
@@ -88,16 +88,16 @@ def main(output: Path, device: str = "cpu", iterations: int = 3, repeats: int = 
         pareto = {"class_name": "morlax_torch.rsl_rl:ParetoPPO", "terms": f"{__name__}:terms_of"}
         methods[f"ParetoPPO, K = {K}"] = {**pareto, "tradeoffs": K, "warmup": 0}
     name = "one CPU thread" if device == "cpu" else torch.cuda.get_device_name(device)
-    with output.open("w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("device", "method", "seconds_per_iteration", "relative", "checkpoint_bytes"))
-        for _ in range(repeats):
-            plain = 0.0
-            for method, algorithm in methods.items():
-                taken, size = measured(device, iterations, **algorithm)
-                plain = plain or taken
-                rows.writerow((name, method, f"{taken:.4g}", f"{taken / plain:.3g}", size))
-                file.flush()
+    rows = []
+    for _ in range(repeats):
+        plain = 0.0
+        for method, algorithm in methods.items():
+            taken, size = measured(device, iterations, **algorithm)
+            plain = plain or taken
+            row = {"device": name, "method": method, "seconds_per_iteration": f"{taken:.4g}"}
+            row |= {"relative": f"{taken / plain:.3g}", "checkpoint_bytes": size}
+            rows.append(row)
+            write_rows(output, rows)
 
 
 if __name__ == "__main__":

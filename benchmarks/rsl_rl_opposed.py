@@ -7,13 +7,13 @@ most trade-offs stand still. A row has the return in objective 1 of the policy t
 """
 
 import contextlib
-import csv
 import io
 from pathlib import Path
 from typing import Any
 
 import torch
 import tyro
+from row_files import write_rows
 from rsl_rl.env import VecEnv
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
@@ -103,16 +103,18 @@ def main(
     torch.set_num_threads(1)
     options = {"terms": f"{__name__}:terms_of", "tradeoffs": tradeoffs, "evaluation_worlds": 0}
     options |= {"class_name": "morlax_torch.rsl_rl:ParetoPPO", "guide": {"run": 0.0}, "warmup": 0}
-    with output.open("w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("method", "seed", "return_of_running"))
-        for seed in seeds:
-            policy = trained(seed, iterations, class_name="PPO").actor
-            rows.writerow(("PPO", seed, f"{graded(policy):.0f}"))
-            for F in features:
-                policy = trained(seed, iterations, features=F, **options).actor.plain(RUN)
-                rows.writerow((f"ParetoPPO, F = {F}", seed, f"{graded(policy):.0f}"))
-                file.flush()
+    rows = []
+
+    def grade(method: str, seed: int, policy: Any) -> None:
+        found = f"{graded(policy):.0f}"
+        rows.append({"method": method, "seed": seed, "return_of_running": found})
+        write_rows(output, rows)
+
+    for seed in seeds:
+        grade("PPO", seed, trained(seed, iterations, class_name="PPO").actor)
+        for F in features:
+            family = trained(seed, iterations, features=F, **options).actor
+            grade(f"ParetoPPO, F = {F}", seed, family.plain(RUN))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ python benchmarks/strangers.py benchmarks/results/strangers-cpu.csv ROBOT=FILE.x
 """
 
 import argparse
-import csv
 import shlex
 import signal
 import subprocess
@@ -12,6 +11,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+from row_files import read_rows, write_rows
 
 LONGEST = 600.0  # seconds to wait for a front
 COLUMNS = ["robot", "task", "new_s", "first_front_s", "env_steps", "hypervolume", "before"]
@@ -36,7 +37,7 @@ def measured(robot: str, model: Path, folder: Path) -> dict[str, object]:
     training = morlax(folder, "train", *shlex.split(line)[5:], "--output", robot)
     while len(rows) < 2 and training.poll() is None and time.perf_counter() - began < LONGEST:
         time.sleep(0.2)
-        rows = list(csv.DictReader(metrics.open())) if metrics.exists() else []
+        rows = read_rows(metrics)
     row["first_front_s"] = f"{time.perf_counter() - began:.1f}"
     training.send_signal(signal.SIGINT)
     said = training.communicate()[0]
@@ -50,13 +51,12 @@ def main() -> None:
     parser.add_argument("output", type=Path)
     parser.add_argument("robots", nargs="+", help="ROBOT=FILE.xml")
     options = parser.parse_args()
-    with options.output.open("w", newline="") as file, tempfile.TemporaryDirectory() as folder:
-        table = csv.DictWriter(file, COLUMNS)
-        table.writeheader()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
         for robot, _, model in (each.partition("=") for each in options.robots):
-            table.writerow(row := measured(robot, Path(model), Path(folder)))
-            file.flush()
-            print(row, flush=True)
+            rows.append(measured(robot, Path(model), Path(folder)))
+            write_rows(options.output, rows, COLUMNS)
+            print(rows[-1], flush=True)
 
 
 if __name__ == "__main__":

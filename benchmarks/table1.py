@@ -13,7 +13,6 @@ Appends to OUTPUT.csv, where rows that exist are not measured again, and writes 
 OUTPUT.md. To write the table from the rows alone, pass --env without a task.
 """
 
-import csv
 import subprocess
 import sys
 import time
@@ -24,6 +23,7 @@ from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 import tyro
+from row_files import append_rows, markdown, read_tuples
 
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.runs.loading import evaluate
@@ -82,7 +82,7 @@ def main(
         output: Path of the output files, without a suffix.
     """
     path = Path(f"{output}.csv")
-    rows = read(path)
+    rows = {(row.env, row.max_seconds, row.seed): row for row in read_tuples(Row, path)}
     for task in env:
         for limit in sorted(limits):
             target, volumes = TARGETS[goal][task], []
@@ -90,7 +90,7 @@ def main(
                 row = rows.get((task, limit, seed))
                 if row is None:
                     row = rows[task, limit, seed] = measured(task, limit, seed, device)
-                    append(path, row)
+                    append_rows(path, [row._asdict()])
                     console.print(str(row))
                 volumes.append(row.hypervolume)
                 missed = sum(volume < target for volume in volumes)
@@ -98,7 +98,7 @@ def main(
                     break
             if len(volumes) == len(seeds) and median(volumes) >= target:
                 break
-    table = markdown(list(rows.values()), len(seeds))
+    table = reached(list(rows.values()), len(seeds))
     console.print(table)
     Path(f"{output}.md").write_text(table)
 
@@ -146,34 +146,11 @@ def rounded(number: float) -> float:
     return float(f"{number:.6g}")
 
 
-def read(path: Path) -> dict[tuple[str, float, int], Row]:
-    """Read the rows of a CSV file by task, limit and seed; none if there is no file."""
-    if not path.exists():
-        return {}
-    kinds = Row.__annotations__.values()
-    with path.open(newline="") as file:
-        lines = list(csv.reader(file))[1:]
-    rows = [Row(*(kind(cell) for kind, cell in zip(kinds, line, strict=True))) for line in lines]
-    return {(row.env, row.max_seconds, row.seed): row for row in rows}
-
-
-def append(path: Path, row: Row) -> None:
-    """Append a row to a CSV file, with a header if it is the first."""
-    new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if new:
-            writer.writerow(Row._fields)
-        writer.writerow(row)
-
-
-def markdown(rows: Sequence[Row], seeds: int) -> str:
-    """Format the shortest limit that reaches each target, with "median (minimum - maximum)"."""
-    lines = [
-        "| task | target | --max-seconds | hypervolume | from Enter to exit (s) | "
-        "to the first row (s) | steps/s |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+def reached(rows: Sequence[Row], seeds: int) -> str:
+    """Tabulate the shortest limit that reaches each target, with "median (minimum - maximum)"."""
+    heads = ["task", "target", "--max-seconds", "hypervolume"]
+    heads += ["from Enter to exit (s)", "to the first row (s)", "steps/s"]
+    lines = []
     groups: dict[tuple[str, float], list[Row]] = {}
     for row in rows:
         groups.setdefault((row.env, row.max_seconds), []).append(row)
@@ -190,9 +167,9 @@ def markdown(rows: Sequence[Row], seeds: int) -> str:
                         spread([row.first_row_seconds for row in group], ".1f"),
                         f"{median(row.env_steps / row.max_seconds for row in group) / 1e6:.2f} M",
                     ]
-                    lines.append("| " + " | ".join(cells) + " |")
+                    lines.append(cells)
                     break
-    return "\n".join(lines) + "\n"
+    return markdown(heads, lines)
 
 
 def spread(values: Sequence[float], form: str) -> str:

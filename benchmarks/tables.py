@@ -7,7 +7,6 @@ On a page, a table stands below a comment with its name, such as <!-- table: pgm
 """
 
 import argparse
-import csv
 import math
 import re
 import sys
@@ -18,7 +17,7 @@ from pathlib import Path
 from statistics import median
 
 import compare_report
-from compare_report import markdown
+from row_files import Row, markdown, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "docs" / "results.md", ROOT / "README.md")
@@ -58,13 +57,10 @@ CMORL = {
     ("humanoid", 5): ("3.43", "3.76"),
 }
 
-Row = dict[str, str]
-
 
 def read(file: str, **columns: str) -> list[Row]:
     """Return the rows of a CSV file whose columns have these values."""
-    with (RESULTS / file).open(newline="") as lines:
-        return [row for row in csv.DictReader(lines) if columns.items() <= row.items()]
+    return [row for row in read_rows(RESULTS / file) if columns.items() <= row.items()]
 
 
 def values(rows: Iterable[Row], column: str = "hypervolume") -> list[float]:

@@ -3,7 +3,6 @@
 python benchmarks/throughput.py --env cheetah --worlds 1024 4096 16384
 """
 
-import csv
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import torch
 import tyro
 from rich.table import Table
+from row_files import write_rows
 
 from morlax_torch import MORLAX, config_for
 from morlax_torch.commands.terminal.cli import console
@@ -46,10 +46,7 @@ def main(
         table.add_row(*(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()))
     console.print(table)
     if output:
-        with output.open("w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0])
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(output, rows)
 
 
 def measure(

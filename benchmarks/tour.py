@@ -6,11 +6,11 @@ Writes a row for each trade-off. RUN is a run of Mjlab-Tour-Flat-Unitree-G1, whi
 mjlab, or the folder of an export whose trade-off is an input.
 """
 
-import csv
 import tempfile
 from pathlib import Path
 
 import tyro
+from row_files import write_rows
 
 from morlax_torch.commands import export
 from morlax_torch.commands.terminal.cli import console
@@ -41,18 +41,13 @@ def main(
             export.command([str(run), "--output", f"{folder}/family.onnx"])
             run = Path(folder)
         objectives = open_export(run).settings.objectives
-        with output.open("w", newline="") as file:
-            writer = None
-            for weights in even_tradeoffs(tradeoffs, len(objectives)).tolist():
-                row = dict(zip(objectives, weights, strict=True))
-                row |= score(run, runs, weights, seconds) | {"runs": runs, "seconds": seconds}
-                row = {name: f"{value:.4g}" for name, value in row.items()}
-                if writer is None:
-                    writer = csv.DictWriter(file, row)
-                    writer.writeheader()
-                writer.writerow(row)
-                file.flush()
-                console.print(", ".join(f"{name} {value}" for name, value in row.items()))
+        rows = []
+        for weights in even_tradeoffs(tradeoffs, len(objectives)).tolist():
+            row = dict(zip(objectives, weights, strict=True))
+            row |= score(run, runs, weights, seconds) | {"runs": runs, "seconds": seconds}
+            rows.append({name: f"{value:.4g}" for name, value in row.items()})
+            write_rows(output, rows)
+            console.print(", ".join(f"{name} {value}" for name, value in rows[-1].items()))
 
 
 if __name__ == "__main__":
