@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from closed_form import OneStep
+from closed_form import Sprint
 from peers import check_run
 from tiny import learner, tiny
 from torch import Tensor
@@ -14,47 +14,20 @@ from morlax_torch.commands import explore, export
 from morlax_torch.runs.training import make_evaluator
 
 
-class Points(OneStep):
-    """Points on a line, of a simulator of their own: go right, or stand still."""
+class Points(Sprint):
+    """Points of a simulator of their own, which draws where they start."""
 
-    class Options(envs.ObjectiveOptions):
-        objectives: dict[str, dict[str, float]] = {"go": {"go": 1.0}, "save": {"save": 1.0}}
+    class Options(Sprint.Options):
         reference_point: tuple[float, ...] | None = (-10.0, -10.0)
         episode_length: int = 8
 
     simulator, resumable = "points", False
-    observation_size, action_size = 2, 1
-    reward_terms = ("go", "save")
-
-    def __init__(self, options, num_worlds, device, *others):
-        super().__init__(options, num_worlds, device, *others)
-        self.episode_length = options.episode_length
-        self.x, self.age = torch.zeros(2, num_worlds, device=device)
-
-    def reset(self) -> Tensor:
-        return self.restart(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
 
     def restart(self, which: Tensor) -> Tensor:
         start = torch.rand(self.num_worlds, generator=self.generator, device=self.device)
         self.x = torch.where(which, 0.1 * start, self.x)  # rebinds: a CUDA graph would not see it
         self.age = torch.where(which, 0.0, self.age)
         return self.critic_observation()
-
-    def step(self, action: Tensor) -> envs.TimeStep:
-        move = action[:, 0].clamp(-1, 1)
-        self.x, self.age = self.x + move, self.age + 1
-        terms = {"go": move, "save": -move.abs()}
-        final = self.critic_observation()
-        terminated = self.x < -3
-        truncated = (self.age >= self.episode_length) & ~terminated
-        if self.auto_reset:
-            self.restart(terminated | truncated)
-        seen = self.critic_observation()
-        reward = self.combine(terms)
-        return envs.TimeStep(seen, reward, terminated, truncated, final, terms, seen, final)
-
-    def critic_observation(self) -> Tensor:
-        return torch.stack([self.x, self.age / self.episode_length], -1)
 
 
 POINTS = f"{Path(__file__)}:Points"
@@ -72,7 +45,7 @@ def test_they_are_explored_and_evaluated_eagerly(device):
     assert not torch.equal(made.agent.actor.bias, before)
     assert made.env.x.abs().max() > 0.1
     front = evaluator.evaluate()
-    assert (front.lengths == 5).all()
+    assert (front.lengths == 10).all()
     assert abs(front.returns[:, 0]).max() > 0
 
 

@@ -5,11 +5,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import mujoco
-import numpy as np
 import pytest
 import tiny as small
 import torch
+from crowd import Crowd
 from same import assert_same
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.summary.writer import event_file_writer
@@ -122,37 +121,20 @@ def test_a_generators_state_of_another_device_becomes_its_seed():
 
 # A task's own tensors
 
-ARM = """
-<mujoco>
-  <worldbody>
-    <body><joint name="arm" damping="0.1"/><geom size="0.1" pos="0.3 0 0"/></body>
-  </worldbody>
-  <actuator><motor joint="arm" ctrlrange="-1 1"/></actuator>
-</mujoco>
-"""
 
-
-class Arm(envs.Environment):
-    """An arm that reaches for a goal of each episode, which it declares or keeps silently."""
+class Arm(Crowd):
+    """An arm that sees a goal of each episode, which it declares or keeps silently."""
 
     declared = True
 
-    class Options(envs.TaskOptions):
-        objectives: dict[str, dict[str, float]] = {"near": {"near": 1.0}, "save": {"save": 1.0}}
+    class Options(Crowd.Options):
         episode_length: int = 5
 
     def __init__(self, physics, *args):
         self.goal = torch.zeros(physics.num_worlds, 1)
         self.scale = torch.ones(physics.num_worlds, 1)  # a constant
-        self.legs = physics.qpos[:, :1]  # a view of state that is saved
+        self.legs = physics.qpos[:, -1:]  # a view of state that is saved
         super().__init__(physics, *args)
-
-    @classmethod
-    def load_model(cls) -> mujoco.MjModel:
-        return mujoco.MjModel.from_xml_string(ARM)
-
-    def initial_qpos(self) -> np.ndarray:
-        return np.zeros(1)
 
     def initial_state(self) -> dict[str, Tensor]:
         return {"goal": self.goal} if self.declared else {}
@@ -162,16 +144,7 @@ class Arm(envs.Environment):
         self.goal.copy_(torch.where(fresh[:, None], self.goal + drawn, self.goal))
 
     def observe(self) -> Tensor:
-        return torch.cat([self.legs, self.physics.qvel, self.goal], -1).float()
-
-    def apply(self, action: Tensor) -> None:
-        self.physics.ctrl.copy_(action)
-
-    def terms(self) -> dict[str, Tensor]:
-        return {"near": -(self.legs - self.goal).abs()[:, 0], "save": self.legs[:, 0]}
-
-    def failed(self) -> Tensor:
-        return torch.zeros_like(self.age, dtype=torch.bool)
+        return torch.cat([self.legs, super().observe(), self.goal], -1).float()
 
 
 @pytest.fixture
