@@ -1,8 +1,9 @@
-"""Equality of nested states, and rows of CSV files."""
+"""Equality of nested states, rows of CSV files, and reference trajectories."""
 
 import csv
 from pathlib import Path
 
+import numpy as np
 from torch import Tensor, equal
 
 
@@ -25,3 +26,9 @@ def assert_same(one: object, other: object) -> None:
 def csv_rows(path: Path | str) -> list[dict[str, str]]:
     with Path(path).open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+def reference(robot: str) -> dict[str, np.ndarray]:
+    """Return the arrays of a published robot: see reference/README.md."""
+    with np.load(Path(__file__).with_name("reference") / f"{robot}.npz") as file:
+        return dict(file)

@@ -1,6 +1,5 @@
 """Episodes end, restart and repeat the way a learner requires."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -10,7 +9,7 @@ import torch
 import warp as wp
 from acting import random_actions, still
 from crowd import Crowd
-from same import assert_same
+from same import assert_same, reference
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
@@ -395,13 +394,11 @@ def test_reset_noise_keeps_loops_closed(noise):
 
 @pytest.mark.parametrize("iterations", (None, 8))
 def test_eight_solver_iterations_converge_and_the_paper_s_two_do_not(backend, iterations):
-    with np.load(Path(__file__).parents[1] / "reference" / "walker.npz") as file:
-        actions = torch.from_numpy(file["action"]).float()
-        converged = file["qpos_converged"][:, -1]
+    published = reference("walker")
     env = make("walker", backend, 2, solver_iterations=iterations, auto_reset=False)
-    for action in actions.unbind(1):
+    for action in torch.from_numpy(published["action"]).float().unbind(1):
         env.step(action)
-    error = np.abs(env.physics.qpos.numpy() - converged).max()
+    error = np.abs(env.physics.qpos.numpy() - published["qpos_converged"][:, -1]).max()
     assert error > 0.1 if iterations is None else error < 1e-3
 
 

@@ -1,14 +1,13 @@
 """The robot models match the published ones and move like independent reference physics."""
 
 import importlib.resources
-from pathlib import Path
 
 import numpy as np
 import pytest
 import reference_trajectories as generate
+from same import reference
 
 ASSETS = importlib.resources.files("morlax_torch.envs.robots") / "assets"
-REFERENCE = Path(__file__).parents[1] / "reference"
 
 # Not compared: properties that depend on sensors, cameras and the appearance of the ground (the
 # package keeps only the sensors that tasks read and draws an infinite ground plane around x = 0),
@@ -33,16 +32,10 @@ def robot(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture
-def reference(robot: str) -> dict[str, np.ndarray]:
-    with np.load(REFERENCE / f"{robot}.npz") as file:
-        return dict(file)
-
-
-def test_the_model_matches_the_published_one(robot, reference):
+def test_the_model_matches_the_published_one(robot):
     published = {
         key.removeprefix("model_"): value
-        for key, value in reference.items()
+        for key, value in reference(robot).items()
         if key.startswith("model_")
     }
     model = generate.load(robot, ASSETS)
@@ -66,10 +59,11 @@ def test_motors_are_named_after_the_joints_they_turn(robot):
     assert motors == [model.joint(i).name for i in model.actuator_trnid[:, 0]]
 
 
-def test_our_models_reproduce_every_reference_array_without_warnings(robot, reference, workplace):
-    arrays = generate.generated(robot, ASSETS, reference, mjx=False)
-    assert set(reference) - set(arrays) == {"qpos_mjx_converged"}
+def test_our_models_reproduce_every_reference_array_without_warnings(robot, workplace):
+    expected = reference(robot)
+    arrays = generate.generated(robot, ASSETS, expected, mjx=False)
+    assert set(expected) - set(arrays) == {"qpos_mjx_converged"}
     for name, array in arrays.items():
         if not name.startswith("model_") and name != "mujoco_version":
-            assert generate.difference(array, reference[name]) < TOLERANCE, name
+            assert generate.difference(array, expected[name]) < TOLERANCE, name
     assert list(workplace.iterdir()) == []  # where MuJoCo logs its warnings

@@ -1,18 +1,17 @@
 """Both simulators match the reference trajectories and survive blow-ups."""
 
 import math
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 import torch
 from acting import random_actions, still
+from same import reference
 
 from morlax_torch import envs
 from morlax_torch.envs.physics.warp import WarpPhysics
 
-REFERENCE = Path(__file__).parents[1] / "reference"
 BUILT_IN = [name for name in envs.names() if "/" not in name]
 ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")
 PLANAR = ("cheetah", "walker", "hopper")
@@ -33,25 +32,20 @@ def converged(robot: str) -> envs.Environment:
     return task(physics, options, auto_reset=False)
 
 
-def trajectory(env: envs.Environment, reference: dict[str, np.ndarray], steps: int) -> np.ndarray:
+def trajectory(env: envs.Environment, actions: np.ndarray, steps: int) -> np.ndarray:
     """Return positions (S, steps, nq) under the reference actions."""
     positions = []
-    for action in torch.from_numpy(reference["action"]).float().unbind(1)[:steps]:
+    for action in torch.from_numpy(actions).float().unbind(1)[:steps]:
         env.step(action)
         positions.append(env.physics.qpos.clone())
     return torch.stack(positions, 1).numpy()
 
 
-def load(robot: str) -> dict[str, np.ndarray]:
-    with np.load(REFERENCE / f"{robot}.npz") as file:
-        return dict(file)
-
-
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_with_the_paper_s_solver_limits_warp_starts_like_c_mujoco(robot):
-    reference = load(robot)
+    published = reference(robot)
     env = make(robot, "warp", 2, auto_reset=False)
-    error = np.abs(trajectory(env, reference, 10) - reference["qpos"][:, 1:11])
+    error = np.abs(trajectory(env, published["action"], 10) - published["qpos"][:, 1:11])
     assert error[:, 0].max() < 2e-6
     # walker's solver stops after two iterations, before it converges
     assert error.max() < (1e-2 if robot == "walker" else 1e-5)
@@ -59,9 +53,9 @@ def test_with_the_paper_s_solver_limits_warp_starts_like_c_mujoco(robot):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_with_a_converged_solver_warp_matches_other_engines(robot):
-    reference = load(robot)
-    found = trajectory(converged(robot), reference, 100)
-    mjx, c = reference["qpos_mjx_converged"], reference["qpos_converged"][:, 1:101]
+    published = reference(robot)
+    found = trajectory(converged(robot), published["action"], 100)
+    mjx, c = published["qpos_mjx_converged"], published["qpos_converged"][:, 1:101]
     assert np.abs(found - mjx).max() < (1e-2 if robot == "humanoid" else 1e-3)
     if robot in PLANAR:  # in 3D, C MuJoCo orients contact frames differently
         assert np.abs(found - c).max() < 1e-3

@@ -1,38 +1,22 @@
 """The six tasks match the paper: states, observations, rewards and failures, step by step."""
 
 import math
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
 from acting import random_actions
+from same import reference
 from torch import Tensor
 
 from morlax_torch import MorlaxError, envs
 
-REFERENCE = Path(__file__).parents[1] / "reference"
 TOLERANCE = 1e-9
-
-
-class Facts(NamedTuple):
-    """Published facts about a task."""
-
-    robot: str
-    reward: str  # name of its array in the reference file
-    observation_size: int
-    action_size: int
-    reset_reward: tuple[float, ...]
-
-
-PUBLISHED = {
-    "cheetah": Facts("cheetah", "reward_cheetah2", 17, 6, (2, 5)),
-    "cheetah3": Facts("cheetah", "reward_cheetah3", 17, 6, (2, 5, 3)),
-    "walker": Facts("walker", "reward", 17, 6, (2, 5)),
-    "hopper": Facts("hopper", "reward", 13, 4, (2.5, 1)),
-    "ant": Facts("ant", "reward", 27, 8, (6, 6)),
-    "humanoid": Facts("humanoid", "reward", 58, 21, (2, 4)),
+PUBLISHED = {  # the robot of each task, and the name of its rewards among the reference's arrays
+    "cheetah": ("cheetah", "reward_cheetah2"),
+    "cheetah3": ("cheetah", "reward_cheetah3"),
+    **{name: (name, "reward") for name in ("walker", "hopper", "ant", "humanoid")},
 }
 
 
@@ -52,8 +36,8 @@ def assert_equal(actual: np.ndarray, expected: np.ndarray) -> None:
 class Replay(NamedTuple):
     """A task's states, observations and rewards under the reference actions."""
 
-    published: Facts
-    reference: dict[str, np.ndarray]
+    published: dict[str, np.ndarray]
+    rewarded: np.ndarray  # published rewards (S, T, m)
     qpos: list[Tensor]  # starting at the reset
     qvel: list[Tensor]
     observations: list[Tensor]
@@ -64,11 +48,9 @@ class Replay(NamedTuple):
 
 @pytest.fixture(scope="module", params=PUBLISHED)
 def replay(request: pytest.FixtureRequest) -> Replay:
-    published = PUBLISHED[request.param]
-    with np.load(REFERENCE / f"{published.robot}.npz") as file:
-        reference = dict(file)
-    env = make(request.param, auto_reset=False)
-    shown = Replay(published, reference, [], [], [], [], [], [])
+    robot, rewards = PUBLISHED[request.param]
+    published, env = reference(robot), make(request.param, auto_reset=False)
+    shown = Replay(published, published[rewards], [], [], [], [], [], [])
 
     def record() -> None:
         shown.qpos.append(env.physics.qpos.clone())
@@ -77,7 +59,7 @@ def replay(request: pytest.FixtureRequest) -> Replay:
 
     env.reset()
     record()
-    for action in torch.from_numpy(reference["action"]).float().unbind(1):
+    for action in torch.from_numpy(published["action"]).float().unbind(1):
         step = env.step(action)
         record()
         shown.rewards.append(env.combine(step.terms))
@@ -87,40 +69,32 @@ def replay(request: pytest.FixtureRequest) -> Replay:
 
 
 def test_trajectories_match_the_published_ones(replay):
-    assert_equal(stacked(replay.qpos), replay.reference["qpos"])
-    assert_equal(stacked(replay.qvel), replay.reference["qvel"])
-    assert_equal(stacked(replay.observations), replay.reference["obs"])
-    assert_equal(stacked(replay.rewards), replay.reference[replay.published.reward])
+    assert_equal(stacked(replay.qpos), replay.published["qpos"])
+    assert_equal(stacked(replay.qvel), replay.published["qvel"])
+    assert_equal(stacked(replay.observations), replay.published["obs"])
+    assert_equal(stacked(replay.rewards), replay.rewarded)
     terminated = stacked([step.terminated for step in replay.steps])
     for failures in (stacked(replay.failed), terminated):
-        assert (failures == replay.reference["terminated"]).all()
+        assert (failures == replay.published["terminated"]).all()
 
 
 def test_reward_terms_match_the_published_ones(replay):
-    names = replay.reference["term_names"]
+    names = replay.published["term_names"]
     assert set(replay.steps[0].terms) == set(names)
     for name in names:
         term = stacked([step.terms[name] for step in replay.steps])
-        assert_equal(term, replay.reference[f"term_{name}"])
+        assert_equal(term, replay.published[f"term_{name}"])
 
 
 def test_a_step_returns_the_published_numbers_in_single_precision(replay):
     single = np.float32
     for name, expected in (
-        ("observation", replay.reference["obs"][:, 1:]),
-        ("final_observation", replay.reference["obs"][:, 1:]),
-        ("reward", replay.reference[replay.published.reward]),
+        ("observation", replay.published["obs"][:, 1:]),
+        ("final_observation", replay.published["obs"][:, 1:]),
+        ("reward", replay.rewarded),
     ):
         actual = stacked([getattr(step, name) for step in replay.steps])
         np.testing.assert_allclose(actual, expected.astype(single), rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("task", PUBLISHED)
-def test_sizes_and_reset_rewards_match_the_published_ones(task):
-    env, published = make(task), PUBLISHED[task]
-    assert env.observation_size == published.observation_size
-    assert env.action_size == published.action_size
-    assert env.paper_reset_reward().tolist() == pytest.approx(published.reset_reward)
 
 
 def test_every_built_in_task_is_compared_with_the_paper():
@@ -177,6 +151,9 @@ def test_a_task_exposes_objectives_and_limits_and_steps_obey_them(task, backend)
     for weighted in (env.options.shared, *env.options.objectives.values()):
         assert set(weighted) <= set(env.reward_terms)
     first = env.reset()
+    robot, rewards = PUBLISHED[task]
+    expected = reference(robot)[f"reset_{rewards}"]
+    np.testing.assert_allclose(env.paper_reset_reward(), expected, rtol=1e-6)
     step = env.step(torch.zeros(3, env.action_size))
     for value in (first, step.observation, step.final_observation):
         assert (value.shape, value.dtype) == ((3, env.observation_size), torch.float32)
