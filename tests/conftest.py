@@ -141,15 +141,25 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def contents() -> dict[Path, int]:
+    """Return what is in the working directory, with times of files; nothing of the checkout."""
+    paths = [] if Path.cwd() in Path(__file__).parents else Path.cwd().rglob("*")
+    return {path: path.stat().st_mtime_ns if path.is_file() else 0 for path in paths}
+
+
 @pytest.fixture
 def refused(monkeypatch, capsys) -> Callable[..., str]:
-    """Return a function that runs a command which must fail, and returns its line of error."""
+    """Return a function that runs a command which must fail, and returns its line of error.
+
+    It must leave the working directory as it is.
+    """
 
     def run(module: ModuleType, *typed: object) -> str:
+        before = contents()
         monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, typed)])
         with pytest.raises(SystemExit) as stopped:
             cli.run(module.command)
-        assert stopped.value.code == 2
+        assert stopped.value.code == 2 and contents() == before
         text = capsys.readouterr().err
         assert text.startswith("error: ") and text.count("\n") == 1
         return text

@@ -1,8 +1,6 @@
 """The documentation site builds without warnings, has no broken link, and loads nothing remote."""
 
 import re
-import subprocess
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
@@ -10,6 +8,7 @@ from urllib.parse import unquote
 import build_site
 import pages as site
 import pytest
+from programs import python
 
 from morlax_torch.__main__ import COMMANDS
 
@@ -98,8 +97,7 @@ def test_a_script_asked_for_help_or_given_a_wrong_option_does_nothing_else(scrip
     copy.write_text((ROOT / script).read_text())
     before = sorted(tmp_path.rglob("*"))
     for option, status in (("--help", 0), ("--no-such-option", 2)):
-        words = [sys.executable, "-B", str(copy), option]
         path = {"PYTHONPATH": f"{ROOT / 'docs/site'}:{ROOT / 'benchmarks'}:{ROOT}"}
-        done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, env=path)
+        done = python("-B", copy, option, cwd=tmp_path, env=path)
         assert done.returncode == status and "usage: " in done.stdout + done.stderr
     assert sorted(tmp_path.rglob("*")) == before

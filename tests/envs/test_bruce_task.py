@@ -10,6 +10,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from test_randomization import separate_models
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.envs.robots.bruce import model as bruce
@@ -303,15 +304,7 @@ def test_randomized_worlds_differ_within_the_published_bounds():
 def test_a_randomized_world_matches_its_own_model(backend, within):
     options = {"randomize": True, "solver_iterations": 20}  # enough for both to converge
     env = envs.make("bruce", 4, "cpu", backend, auto_reset=False, **options)
-    models = []
-    for world in range(4):
-        model = bruce.load()
-        for name, values in env.state_dict().items():
-            if name.startswith("model."):
-                getattr(model, name.removeprefix("model."))[:] = values[world].numpy()
-        model.opt.iterations = 20
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-        models.append(model)
+    models = separate_models(env)
     for _ in range(5):
         env.step(torch.zeros(4, 18))
     ends = []

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import torch
+from acting import episode
 from closed_form import PLACES, Quadratic
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load, save
@@ -118,18 +119,11 @@ def separate(folder: Path, name: str, task: type[Quadratic]) -> Path:
     return folder
 
 
-def simulated(policy: Policy, tradeoff: tuple[float, ...]) -> np.ndarray:
+def simulated(policy: Policy, tradeoff: tuple[float, ...]) -> list[float]:
     """Return the returns (m,) of one episode, in a loop of its own."""
     task = policy.config.task.for_evaluation().model_dump()
     env = envs.make(policy.config.env, 1, "cpu", auto_reset=False, **task)
-    observation, returns = env.reset(), torch.zeros(1, len(policy.objectives))
-    for _ in range(env.episode_length):
-        step = env.step(policy(observation, tradeoff))
-        returns += step.reward
-        if step.terminated or step.truncated:
-            break
-        observation = step.observation
-    return returns[0].double().numpy()
+    return episode(env, lambda observation: policy(observation, tradeoff))[0]
 
 
 @pytest.fixture
@@ -242,7 +236,7 @@ def test_separate_policies_keep_what_is_promised(three, given):
     """Returns between (0, 1) and (0.64, 0.84) can be interpolated, but no policy has them."""
     policy = load(three)
     found = choose(three if given == "run" else policy, {"left": 0.4}, "right", device="cpu")
-    assert simulated(policy, found.tradeoff).tolist() == list(found.returns.values())
+    assert simulated(policy, found.tradeoff) == list(found.returns.values())
     assert list(found.returns.values()) == pytest.approx([0.64, 0.84], abs=1e-5)
     assert found.cost == pytest.approx(0.16, abs=1e-5)
     assert found.simulated <= 2 * 64  # the second batch shows that nothing more is to be found
@@ -355,7 +349,7 @@ def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize):
     policy = load(name)
     text = ",".join(f"{weight:.6g}" for weight in found.tradeoff)
     again = simulated(policy, parse_tradeoff(text, policy.objectives))
-    assert dict(zip(policy.objectives, again.tolist(), strict=True)) == found.returns
+    assert dict(zip(policy.objectives, again, strict=True)) == found.returns
     for objective, least in constraints.items():
         assert found.returns[objective] >= least
         assert found.margins[objective] == pytest.approx(found.returns[objective] - least)

@@ -282,8 +282,8 @@ def test_evaluations_of_many_bodies_are_those_of_each_alone():
     assert np.ptp([front.returns.sum() for front in together]) > 0
 
 
-def test_a_run_with_designs_is_loaded_and_saved(tmp_path):
-    policy = morlax_torch.load(train(small(), output=tmp_path / "run").folder)
+def test_a_run_with_designs_is_loaded_and_saved(run, tmp_path):
+    policy = morlax_torch.load(run)
     assert policy.agent.designs["thigh"] == DesignParameter(0.33, 0.2, 0.5)
     copy = tmp_path / "copy.pt"
     morlax_torch.save(policy.for_design({"thigh": 0.4}), copy)

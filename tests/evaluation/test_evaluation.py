@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from acting import episode
 from same import assert_same
 from tiny import tiny
+from torch import nn
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
@@ -166,20 +168,6 @@ def test_what_happens_after_an_episode_is_over_does_not_count(agent):
     assert front.falls.tolist() == [0, 1, 1] and front.blowups.tolist() == [0, 0, 0]
 
 
-def one_episode(agent: Agent, tradeoff: torch.Tensor, task: str, **options) -> tuple:
-    env = envs.make(task, 1, "cpu", "mujoco", **options)
-    actor, observation = agent.actor.specialize(tradeoff), env.reset()
-    total, length = torch.zeros(len(env.objectives), dtype=torch.float64), 0
-    with torch.no_grad():
-        while True:
-            mean, _ = actor(agent.observation_normalizer(observation)).chunk(2, -1)
-            step = env.step(mean.tanh())
-            total, length = total + step.reward[0], length + 1
-            if step.terminated or step.truncated:
-                return total.tolist(), length
-            observation = step.observation
-
-
 @pytest.mark.parametrize(("task", "length"), [("hopper", 500), ("cheetah3", 20)])
 def test_returns_equal_those_of_single_worlds_stepped_by_hand(task, length, make_agent):
     env = envs.make(task, 3, "cpu", "mujoco", auto_reset=False, episode_length=length)
@@ -195,7 +183,9 @@ def test_returns_equal_those_of_single_worlds_stepped_by_hand(task, length, make
     assert all(p.requires_grad and p.grad is None for p in agent.parameters())
     assert front.objectives == env.objectives
     for k, tradeoff in enumerate(tradeoffs):
-        returns, steps = one_episode(agent, tradeoff, task, episode_length=length)
+        alone = envs.make(task, 1, "cpu", "mujoco", episode_length=length)
+        actor = nn.Sequential(agent.observation_normalizer, agent.actor.specialize(tradeoff))
+        returns, steps = episode(alone, lambda x, run=actor: run(x).chunk(2, -1)[0].tanh())
         assert front.lengths[k] == steps
         assert (steps < length) == (task == "hopper")  # every hopper falls
         np.testing.assert_allclose(front.returns[k], returns, rtol=1e-3)

@@ -1,11 +1,9 @@
 """Several processes train one agent."""
 
-import subprocess
-import sys
-
 import pytest
 import torch
 import two_processes
+from programs import python
 from same import assert_same
 from torch.testing import assert_close
 
@@ -17,9 +15,8 @@ from morlax_torch.gpu.group import ALONE
 @pytest.fixture(scope="module")
 def found(tmp_path_factory) -> list[dict]:
     folder = tmp_path_factory.mktemp("processes")
-    launch = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2"]
-    words = [*launch, "--standalone", two_processes.__file__, str(folder), *LEARNERS]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    launch = "-m", "torch.distributed.run", "--nproc-per-node", "2", "--standalone"
+    done = python(*launch, two_processes.__file__, folder, *LEARNERS, timeout=300)
     assert done.returncode == 0, done.stderr
     return [torch.load(folder / f"{rank}.pt") for rank in range(2)]
 
