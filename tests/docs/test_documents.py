@@ -15,14 +15,11 @@ import yaml
 from programs import run_fresh
 
 import morlax_torch
-from morlax_torch import MORLAX, config_for
+from morlax_torch import config_for
 from morlax_torch.__main__ import COMMANDS, command
 from morlax_torch.commands import export, train
 from morlax_torch.configuration.config import Config, load_config
-from morlax_torch.configuration.files import file_values, merged, task_values
-from morlax_torch.runs import checkpoint
-from morlax_torch.runs.loading import evaluate, load
-from morlax_torch.runs.progress import Progress
+from morlax_torch.configuration.files import file_values
 
 ROOT = Path(__file__).parents[2]
 A_RUN = re.compile(r"runs/cheetah\b")  # names the newest run
@@ -65,14 +62,8 @@ def workplace(tmp_path, monkeypatch, make_run) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    config: Config = load_config(merged(task_values("cheetah", "cpu"), {"worlds": 32}))
-    (folder / "checkpoints").mkdir()
-    morlax = MORLAX(config.make_worlds(32, config.seed), config)
-    checkpoint.write(folder / "checkpoints" / "best.pt", checkpoint.snapshot(morlax), Progress())
-    evaluate(load(folder), tradeoffs=5, device="cpu").save(folder / "front.npz")
-    return folder
+def run(tmp_path_factory, make_run) -> Path:
+    return make_run(tmp_path_factory.mktemp("runs") / "run", "cheetah", "best")
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from morlax_torch import MORLAX, config_for, envs, pareto
-from morlax_torch.host.resources import one_thread
 
+pytestmark = pytest.mark.usefixtures("single_thread")
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 OF_PPO = (*("epochs", "minibatches", "learning_rate", "discount", "gae_lambda", "clip", "entropy"),)
 TWO_GOALS = f"{EXAMPLES / 'two_goals.py'}:TwoGoals"
@@ -47,10 +47,9 @@ def test_morlax_in_one_file_trains_bit_for_bit_as_the_package(task):
     )
     ours = example.MORLAX(envs.make(task, 64, "cpu", seed=config.seed), options)
     package = MORLAX(config.make_worlds(64, config.seed), config)
-    with one_thread(torch.device("cpu")):
-        for done in (0.0, 0.4, 0.8):
-            ours.iterate(done)
-            package.iterate(done)
+    for done in (0.0, 0.4, 0.8):
+        ours.iterate(done)
+        package.iterate(done)
     agent = package.agent
     for mine, theirs in (
         (ours.actor, agent.actor),
@@ -75,8 +74,7 @@ def test_morlax_in_one_file_learns_and_draws_its_front(tmp_path, capsys, monkeyp
     options = example.Options(device="cpu", max_seconds=30.0, tradeoffs=32, worlds=64)
     clock = SimpleNamespace(perf_counter=itertools.count().__next__)  # a second per iteration
     monkeypatch.setattr(example, "time", clock)
-    with one_thread(torch.device("cpu")):
-        morlax, returns = example.train(options)
+    morlax, returns = example.train(options)
     example.plot(returns, morlax.env.objectives, str(tmp_path / "front.png"))
     volumes = [float(line.split()[-1]) for line in capsys.readouterr().out.splitlines()]
     assert volumes[-1] > 1.5 * volumes[0]
@@ -93,8 +91,7 @@ def test_the_cleanrl_style_ppo_example_learns(capsys):
         num_envs=64,
         episode_length=100,
     )
-    with one_thread(torch.device("cpu")):
-        returns = example.train(settings)
+    returns = example.train(settings)
     assert np.mean(returns[-3:]) > 2 * returns[0]
     assert "steps/s" in capsys.readouterr().out
 
@@ -105,8 +102,7 @@ def test_the_cleanrl_style_ppo_example_learns(capsys):
 def test_another_library_trains_a_family_of_policies(library):
     pytest.importorskip(library, reason=f"{library} is not installed")
     example = imported(f"{library}_family")
-    with one_thread(torch.device("cpu")):
-        before, after = example.train(example.Options("hopper", "cpu", iterations=30))
+    before, after = example.train(example.Options("hopper", "cpu", iterations=30))
     run, jump, balance = after  # the returns (2,) of one policy each
     assert run[0] > 1.3 * jump[0] and jump[1] > 1.1 * run[1]
     assert run[0] > 2 * before[0, 0] and jump[1] > 1.3 * before[1, 1]
