@@ -5,7 +5,7 @@
 Policies for 30,720 trade-offs, drawn from Dirichlet(0.5), walk 500 steps at 0.12 m/s. The reward
 at the reset counts; steps after a fall do not. One balanced policy also walks at velocities drawn
 from the whole gait library. Writes OUTPUT.md, a table with one column per run, and figures for the
-first run: OUTPUT-space.png (the paper's two projections), -pairs.png and -commands.png.
+first run: OUTPUT-pairs.png and -commands.png.
 """
 
 from pathlib import Path

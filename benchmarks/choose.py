@@ -114,8 +114,7 @@ class Robot:
         self.shipped, _, noise = name.partition("+")
         self.policy, self.front = load(self.shipped, device), load_front(self.shipped)
         if noise:
-            task = self.policy.config.task.model_copy(update={"reset_noise": NOISE})
-            config = self.policy.config.model_copy(update={"task": task})
+            config = self.policy.config.with_task(reset_noise=NOISE)
             self.policy = Policy(self.policy.agent, config, self.policy.objectives)
         self.random = self.policy.config.task.for_evaluation().varies
         seeds = 8 if self.random else 1

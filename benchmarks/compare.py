@@ -241,10 +241,8 @@ def measured(job: Job, fronts: Path | None, device: str | None) -> list[dict[str
 
 def fronts_that_count(policy: Policy) -> dict[str, Front]:
     """Evaluate policies in episodes that are not those of training, without and with noise."""
-    config = policy.config
-    task = config.task.model_copy(update={"reset_noise": NOISE})
-    noisy = config.model_copy(update={"task": task})
-    m = len(policy.objectives)
+    config, m = policy.config, len(policy.objectives)
+    noisy = config.with_task(reset_noise=NOISE)
     evaluator = make_evaluator(policy.agent, noisy, m, seeds=EPISODES, seed=FRESH)
     evaluator.compile()
     best = evaluate(policy, device=config.device, seed=FRESH)

@@ -56,9 +56,7 @@ def main(
     for file in peers:
         task = config.env.rpartition(":")[2]
         peer = mjlab_peer.load_peer(task, file, str(target))
-        options = config.task.model_copy(update=peer.task)
-        worlds = config.model_copy(update={"task": options})
-        walks = walk(peer, worlds, tradeoffs, episodes, seed)
+        walks = walk(peer, config.with_task(**peer.task), tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
         label = f"{file.stem}, one policy"
         axes.scatter(*walks.front.quantities[0, [ERROR, POWER]], s=70, marker="*", label=label)

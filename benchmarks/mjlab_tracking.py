@@ -61,9 +61,8 @@ def main(
         task = config.env.rpartition(":")[2]
         motion = Path(config.task.motion_file)
         peer = mjlab_peer.load_peer(task, file, str(target), motion)
-        options = config.task.model_copy(update=peer.task)
-        worlds = config.model_copy(update={"task": options})
-        _, front = fronts(peer, worlds, len(options.objectives), episodes, seed)
+        number = len(config.task.objectives)
+        _, front = fronts(peer, config.with_task(**peer.task), number, episodes, seed)
         rows.append((f"mjlab: {file.stem}", front, 0))
     names = rows[0][1].quantity_names
     head = ["policy", "trade-off", *names, "falls"]

@@ -118,6 +118,10 @@ class Config(Section):
         """K."""
         return self.worlds if self.sampling.mode == "dense" else self.sampling.clusters
 
+    def with_task(self, **options: Any) -> Self:
+        """Return this config with other options of the task, which are not checked."""
+        return self.model_copy(update={"task": self.task.model_copy(update=options)})
+
     def make_worlds(self, number: int, seed: int, evaluating: bool = False) -> "envs.Worlds":
         """Make worlds of the task; those to evaluate in have no automatic reset."""
         phase(f"building {number} worlds")

@@ -73,9 +73,7 @@ class Policy(nn.Module):
         space = DesignSpace(self.agent.designs)
         agent = self.agent.with_context(torch.from_numpy(space.scaled(space.vector(design))))
         plain = {name: float(value) for name, value in design.items()}
-        task = self.config.task.model_copy(update={"design": plain})
-        config = self.config.model_copy(update={"task": task})
-        return Policy(agent, config, self.objectives)
+        return Policy(agent, self.config.with_task(design=plain), self.objectives)
 
     def make_robot(self, seed: int = 0) -> Robot:
         """Make one robot of the task, with the body of these policies."""

@@ -249,21 +249,19 @@ def test_rewards_and_failures_match_the_formulas(name):
 class Robot(NamedTuple):
     """The constants of a robot in PG-MORL's MJCF and code."""
 
-    like: str  # MO-Gymnasium task with Gymnasium's version of the robot
     substeps: int
     timestep: float
     reach: tuple[float, ...]  # control limits
     gear: tuple[float, ...]
     damping: float | None  # of actuated joints; None: as in Gymnasium
-    weight: float  # total mass relative to Gymnasium's robot
+    weight: float  # total mass relative to Gymnasium's robot, as MO-Gymnasium has it
 
 
 ROBOTS = {
-    "ant": Robot("ant", 5, 0.01, (1,) * 8, (100,) * 8, None, 1),
-    "halfcheetah": Robot("halfcheetah", 5, 0.01, (1,) * 6, (120, 90, 60, 120, 60, 30), None, 1),
-    "hopper": Robot("hopper", 5, 0.002, (2, 2, 4), (200, 200, 300), 40, 1),
+    "ant": Robot(5, 0.01, (1,) * 8, (100,) * 8, None, 1),
+    "halfcheetah": Robot(5, 0.01, (1,) * 6, (120, 90, 60, 120, 60, 30), None, 1),
+    "hopper": Robot(5, 0.002, (2, 2, 4), (200, 200, 300), 40, 1),
     "humanoid": Robot(
-        "humanoid",
         5,
         0.003,
         (0.4,) * 17,
@@ -271,8 +269,8 @@ ROBOTS = {
         None,
         1,
     ),
-    "swimmer": Robot("swimmer", 4, 0.01, (1, 1), (300, 300), None, 1),
-    "walker2d": Robot("walker2d", 4, 0.002, (1,) * 6, (100,) * 6, 3, 1.5),
+    "swimmer": Robot(4, 0.01, (1, 1), (300, 300), None, 1),
+    "walker2d": Robot(4, 0.002, (1,) * 6, (100,) * 6, 3, 1.5),
 }
 
 
@@ -280,7 +278,7 @@ ROBOTS = {
 def test_pg_morl_robots_match_the_published_constants(name):
     robot, task = ROBOTS[name], envs.get(f"pgmorl/{name}")
     model = task.load_model()
-    plain = envs.get(f"mo-gymnasium/{robot.like}").load_model()
+    plain = envs.get(f"mo-gymnasium/{name}").load_model()
     assert (task.substeps, model.opt.timestep) == (robot.substeps, robot.timestep)
     assert model.opt.integrator == plain.opt.integrator
     np.testing.assert_allclose(model.actuator_ctrlrange, [[-r, r] for r in robot.reach])

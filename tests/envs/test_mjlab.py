@@ -525,8 +525,7 @@ def test_without_a_gpu_the_best_of_the_front_is_chosen():
 
 def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     policy = load("go1")
-    task = policy.config.task.model_copy(update={"episode_length": 40})
-    config = policy.config.model_copy(update={"task": task})
+    config = policy.config.with_task(episode_length=40)
     front = evaluate(Policy(policy.agent, config, policy.objectives), 3, device="cpu", seeds=4)
     error, speed, share, power, torque, cost, hottest, shaken, drift, falls = front.quantities.T
     np.testing.assert_allclose(falls, 1000 * front.falls / front.lengths)

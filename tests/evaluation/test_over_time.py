@@ -27,8 +27,7 @@ UTILITY = ("--at-least", f"run={FAST} @ 0.4-0.8", "--maximize", "energy")
 def cheetah(tmp_path_factory) -> Path:
     """Return a run of the shipped cheetah in episodes of two seconds, with 32 trade-offs."""
     policy, folder = load("cheetah"), tmp_path_factory.mktemp("run")
-    task = policy.config.task.model_copy(update={"episode_length": 200})
-    policy.config = policy.config.model_copy(update={"task": task})
+    policy.config = policy.config.with_task(episode_length=200)
     (folder / "checkpoints").mkdir()
     save(policy, folder / "checkpoints" / "best.pt")
     evaluate(policy, device="cpu", tradeoffs=32).save(folder / "front.npz")

@@ -57,8 +57,7 @@ def test_a_robot_walks_on_after_the_time_limit():
     paths = []
     for limit in (1000, 10):
         policy, path = load("go1", "cpu"), []
-        task = policy.config.task.model_copy(update={"episode_length": limit})
-        policy.config = policy.config.model_copy(update={"task": task})
+        policy.config = policy.config.with_task(episode_length=limit)
         player = Player(policy, [1.0] * len(policy.objectives))
         for _ in range(20):
             player.step()
