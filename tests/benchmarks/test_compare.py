@@ -142,23 +142,21 @@ def test_the_episodes_that_count_are_not_those_of_training(tmp_path):
         assert (abs(other.returns - fronts["best"].returns) > 1e-3).all()
 
 
-def start_script(script: str, *arguments: str, folder: Path) -> None:
-    done = python(SCRIPT.with_name(f"{script}.py"), *arguments, cwd=folder)
-    assert done.returncode == 0, done.stderr
-
-
 @pytest.mark.slow
 @pytest.mark.long
 def test_table1(tmp_path):
     options = ("--env", "cheetah", "--limits", "0.2", "--seeds", "3", "--device", "cpu")
-    start_script("table1", *options, folder=tmp_path)
-    (row,) = csv_rows(tmp_path / "table1.csv")
+    found = []
+    for _ in range(2):
+        done = python(SCRIPT.with_name("table1.py"), *options, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        found.append(csv_rows(tmp_path / "table1.csv"))
+    ((row,), again) = found
+    assert again == [row]  # which existed, so it was not measured again
     assert (row["env"], row["seed"]) == ("cheetah", "3")
-    printed, found = float(row["printed_hypervolume"]), float(row["hypervolume"])
-    assert found == pytest.approx(printed, rel=1e-4) and found > 0
+    printed, volume = float(row["printed_hypervolume"]), float(row["hypervolume"])
+    assert volume == pytest.approx(printed, rel=1e-4) and volume > 0
     assert float(row["command_seconds"]) > float(row["first_row_seconds"]) > 0
-    start_script("table1", *options, folder=tmp_path)
-    assert csv_rows(tmp_path / "table1.csv") == [row]  # which exists, so it is not measured again
     assert "| cheetah |" not in (tmp_path / "table1.md").read_text()  # it misses the target
 
 

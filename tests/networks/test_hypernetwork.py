@@ -1,4 +1,4 @@
-"""A hypernetwork generates the parameters M f(w) + b of any module from a trade-off w."""
+"""Hypernetworks generate the parameters M f(w) + b of any module; conditioned networks take w."""
 
 import pytest
 import torch
@@ -7,6 +7,8 @@ from torch.func import functional_call
 from torch.nn.functional import silu
 
 from morlax_torch import Hypernetwork, MorlaxError
+from morlax_torch.networks.family import Conditioned
+from morlax_torch.networks.mlp import mlp
 
 K, B, M = 5, 4, 3  # trade-offs, inputs of each, objectives
 TRADEOFFS = torch.tensor(
@@ -128,8 +130,32 @@ def test_all_parameters_get_a_gradient_but_the_features_of_a_zero_affine_map(tar
 
 @pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])
 def test_trade_offs_without_a_direction_are_refused(row):
+    for family in (Hypernetwork(nn.Linear(3, 2), M), Conditioned(nn.Linear(6, 2))):
+        with pytest.raises(MorlaxError, match="must be finite, and its weights must not sum to ze"):
+            family(torch.tensor([[0.2, 0.3, 0.5], row]))
+
+
+def test_trade_offs_of_the_wrong_length_are_refused():
     family = Hypernetwork(nn.Linear(3, 2), M)
-    with pytest.raises(MorlaxError, match="must be finite, and its weights must not sum to zero"):
-        family(torch.tensor([[0.2, 0.3, 0.5], row]))
     with pytest.raises(MorlaxError, match=r"are \(K, 3\) for this network, not \(1, 2\)"):
         family(torch.ones(1, 2))
+
+
+@pytest.mark.parametrize("kind", ["mlp", "own"])
+def test_a_conditioned_network_is_a_plain_one_with_the_trade_off_as_an_input(kind, generator):
+    network = mlp(4 + M, (8,), 3, generator)
+    if kind == "own":
+        network = nn.Sequential(nn.Linear(4 + M, 8), nn.LayerNorm(8), nn.Tanh(), nn.Linear(8, 3))
+    family, inputs = Conditioned(network), torch.randn(K, B, 4, generator=generator)
+    found = family.run(family(2 * TRADEOFFS), inputs)
+    rows = [torch.cat([x, w.expand(B, M)], 1) for x, w in zip(inputs, TRADEOFFS, strict=True)]
+    wanted = torch.stack([network(x) for x in rows])
+    torch.testing.assert_close(found, wanted)
+    found.square().sum().backward()
+    wanted.square().sum().backward()
+    for mine, plain in zip(family.parameters(), network.parameters(), strict=True):
+        torch.testing.assert_close(mine.grad, plain.grad)
+    alone = family.specialize(2 * TRADEOFFS[0])
+    with torch.no_grad():
+        next(family.parameters()).zero_()
+    torch.testing.assert_close(alone(inputs[0]), wanted[0])
