@@ -10,7 +10,6 @@ from acting import random_actions, still
 from same import reference
 
 from morlax_torch import envs
-from morlax_torch.envs.physics.warp import WarpPhysics
 
 BUILT_IN = [name for name in envs.names() if "/" not in name]
 ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")
@@ -19,17 +18,6 @@ PLANAR = ("cheetah", "walker", "hopper")
 
 def make(task: str, backend: str, worlds: int = 4, **options) -> envs.Environment:
     return envs.make(task, worlds, "cpu", backend=backend, **options)
-
-
-def converged(robot: str) -> envs.Environment:
-    """Make two MuJoCo Warp worlds whose solver runs to convergence."""
-    task = envs.get(robot)
-    options = task.Options()
-    model = task.load_model()
-    model.opt.iterations, model.opt.ls_iterations = 100, 50
-    place = torch.device("cpu")
-    physics = WarpPhysics(model, 2, place, task.substeps, options.nconmax, options.njmax)
-    return task(physics, options, auto_reset=False)
 
 
 def trajectory(env: envs.Environment, actions: np.ndarray, steps: int) -> np.ndarray:
@@ -54,7 +42,8 @@ def test_with_the_paper_s_solver_limits_warp_starts_like_c_mujoco(robot):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_with_a_converged_solver_warp_matches_other_engines(robot):
     published = reference(robot)
-    found = trajectory(converged(robot), published["action"], 100)
+    env = make(robot, "warp", 2, auto_reset=False, solver_iterations=100)
+    found = trajectory(env, published["action"], 100)
     mjx, c = published["qpos_mjx_converged"], published["qpos_converged"][:, 1:101]
     assert np.abs(found - mjx).max() < (1e-2 if robot == "humanoid" else 1e-3)
     if robot in PLANAR:  # in 3D, C MuJoCo orients contact frames differently
