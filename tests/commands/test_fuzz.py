@@ -23,7 +23,7 @@ from tiny import learner as learner_of
 from tiny import tiny
 
 from morlax_torch import MorlaxError, config_for, envs, load
-from morlax_torch.configuration.config import Config, load_config
+from morlax_torch.configuration.config import load_config
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs.progress import History
 from morlax_torch.runs.training import Session, make_evaluator
@@ -153,7 +153,10 @@ def trains_or_is_refused(drawn: tuple[str, dict[str, Any]]) -> None:
     with one_sentence():
         config = config_for(env, **{**small, **changes, **fixed, "evaluation.tradeoffs": 8})
         assert load_config(yaml.safe_load(yaml.safe_dump(config.model_dump(mode="json")))) == config
-        assume_small(config)
+        # odd values may make valid configs too large to train here
+        layers = (*config.network.hidden, *config.network.actor, *config.network.critic)
+        sizes = (config.worlds, config.horizon, config.ppo.epochs, config.network.features)
+        hypothesis.assume(max(*sizes, *layers) <= 128 and config.task.episode_length <= 500)
         learner = learner_of(config)
         limit = {"max_env_steps": 2 * learner.steps_per_iteration, "max_seconds": None}
         learner.config = config.model_copy(update=limit)
@@ -162,13 +165,6 @@ def trains_or_is_refused(drawn: tuple[str, dict[str, Any]]) -> None:
             assert all(math.isfinite(value) for value in evaluation.row().values())
         assert all(math.isfinite(value) for value in learner.metrics().values())
         assert all(value.isfinite().all() for value in learner.agent.state_dict().values())
-
-
-def assume_small(config: Config) -> None:
-    """Skip valid configs that odd values made too large to train here."""
-    layers = (*config.network.hidden, *config.network.actor, *config.network.critic)
-    sizes = (config.worlds, config.horizon, config.ppo.epochs, config.network.features, *layers)
-    hypothesis.assume(max(sizes) <= 128 and config.task.episode_length <= 500)
 
 
 @pytest.mark.slow

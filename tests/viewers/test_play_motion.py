@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from calm import calm
 from motions import squat, write_squat
 from programs import played
 from tiny import FEW, tiny
@@ -15,7 +16,6 @@ from tiny import FEW, tiny
 from morlax_torch import load as load_policy
 from morlax_torch.commands import export, play
 from morlax_torch.configuration.schedules import Schedule
-from morlax_torch.envs.bridges.mjlab.worlds import build, load
 from morlax_torch.train import train
 from morlax_torch.viewers.explorer.session import Session, frame_bytes
 from morlax_torch.viewers.filming.recording import Take
@@ -52,18 +52,13 @@ def exported(motion, tmp_path_factory) -> dict[str, Path]:
 def undisturbed(task: str, motion: Path) -> Any:
     """Return mjlab's environment of a robot that starts with the motion, turned and shifted."""
 
-    def config() -> Any:
-        cfg = load(task)
-        cfg.scene.num_envs, cfg.seed, cfg.events = 1, 0, {}
-        cfg.observations["actor"].enable_corruption = False
+    def turn(cfg: Any) -> None:
         cfg.terminations = {"time_out": cfg.terminations["time_out"]}
         command = cfg.commands["motion"]
-        command.motion_file, command.sampling_mode = str(motion), "start"
+        command.motion_file = str(motion)
         command.pose_range = {"x": (0.3, 0.3), "pitch": (0.1, 0.1), "yaw": (2.0, 2.0)}
-        command.velocity_range, command.joint_position_range = {}, (0.0, 0.0)
-        return cfg
 
-    env = build(task, config, torch.device("cpu"))
+    env = calm(task, 1, edit=turn)
     return env, env.reset()[0]
 
 
