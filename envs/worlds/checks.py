@@ -45,7 +45,8 @@ def state(env: Any) -> dict[str, Tensor]:
     tensors |= env.initial_state()
     for name, value in tensors.items():
         if _shape(value)[:1] != (N,):
-            raise _wrong(env, f"initial_state()[{name!r}]", value, f"({N}, ...), one row per world")
+            what = f"initial_state()[{name!r}]"
+            raise _wrong(env, what, value, f"a tensor ({N}, ...), one row per world")
     return tensors
 
 
@@ -95,7 +96,7 @@ def rows(env: Any, method: str, letter: str) -> int:
     if values is None:
         return 0
     if _shape(values)[:1] != (N,) or values.ndim != 2:
-        raise _wrong(env, f"{method}()", values, f"({N}, {letter}), one row per world")
+        raise _wrong(env, f"{method}()", values, f"a tensor ({N}, {letter}), one row per world")
     return values.shape[1]
 
 
@@ -135,9 +136,11 @@ def rewards(env: Any) -> None:
     N, failed = env.num_worlds, env.failed()
     for name, term in env.terms().items():
         if _shape(term) != (N,):
-            raise _wrong(env, f"terms()[{name!r}]", term, f"({N},), one number per world")
+            raise _wrong(env, f"terms()[{name!r}]", term, f"a tensor ({N},), one number per world")
     if _shape(failed) != (N,) or failed.dtype != torch.bool:
-        raise _wrong(env, "failed()", failed, f"({N},) of torch.bool, one answer per world")
+        raise _wrong(
+            env, "failed()", failed, f"a tensor ({N},) of torch.bool, one answer per world"
+        )
 
 
 def action(worlds: Any, values: Any) -> None:
@@ -163,9 +166,10 @@ def mask(worlds: Any, which: Any) -> None:
 
 
 def _shape(value: object) -> tuple[int, ...]:
-    return tuple(getattr(value, "shape", ()))
+    return tuple(value.shape) if isinstance(value, Tensor) else ()
 
 
 def _wrong(env: Any, what: str, value: object, expected: str) -> MorlaxError:
-    shape = _shape(value)
-    return MorlaxError(f"{type(env).__name__}.{what} has shape {shape}: it must be {expected}.")
+    shape = tuple(getattr(value, "shape", ()))
+    name, kind = f"{type(env).__name__}.{what}", type(value).__name__
+    return MorlaxError(f"{name} has type {kind} and shape {shape}: it must be {expected}.")
