@@ -28,7 +28,7 @@ TESTED = {  # names, by the file whose tests use them
         *("_reset_mask", "_reset_mask_wp", "_wrapped_cache", "_torch_stream", "_setup_stream"),
         *("_mode_term_cfgs", "_interval_term_time_left", "_group_obs_class_term_cfgs"),
         *("_class_term_cfgs", "_term_cfgs", "_step_reward", "_clip", "_local_offsets"),
-        *("_eigh_3x3_jacobi", "_extract_yaw_rotation"),
+        *("_eigh_3x3_jacobi", "_extract_yaw_rotation", "_group_obs_class_instances"),
     ),
     "envs/test_tracking.py": (  # likewise
         *("_adaptive_sampling", "_uniform_sampling", "_resample_command"),
