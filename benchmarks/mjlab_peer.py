@@ -25,7 +25,7 @@ from morlax_torch.commands.terminal.cli import console
 from morlax_torch.envs import MorlaxError, Worlds, resolve_device
 from morlax_torch.envs.bridges.mjlab.history import UNMEASURED
 from morlax_torch.envs.bridges.mjlab.motion import prepared
-from morlax_torch.envs.bridges.mjlab.worlds import add_terms
+from morlax_torch.envs.bridges.mjlab.worlds import MjlabOptions, add_terms
 
 LOUD = 100.0  # an action scale that bounds no action
 WEIGHTINGS = Path(__file__).with_name("mjlab_weightings.yaml")
@@ -155,7 +155,11 @@ def make_runner(
             cfg.rewards[term].weight = factor * (cfg.rewards[term].weight or 1.0)
         if motion is not None:  # as fast as in our worlds, with their stand
             robot, rate = cfg.scene.entities["robot"].spec_fn, 50.0
-            cfg.commands["motion"].motion_file = str(prepared(motion, 0, 30.0, 2.0, rate, robot)[0])
+            options = MjlabOptions.model_fields
+            fps, stand = options["motion_fps"].default, options["motion_stand"].default
+            cfg.commands["motion"].motion_file = str(
+                prepared(motion, 0, fps, stand, rate, robot)[0]
+            )
         agent.logger = "tensorboard"
         torch.manual_seed(seed)
         env = importlib.import_module("mjlab.envs").ManagerBasedRlEnv(cfg, device=device)

@@ -35,7 +35,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[
 
 
 def append_rows(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> None:
-    """Add rows to a CSV file, which is made if there is none."""
+    """Append rows to a CSV file, and create it with a header if it is missing."""
     if not path.exists():
         write_rows(path, rows, columns)
         return

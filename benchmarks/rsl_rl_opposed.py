@@ -106,8 +106,8 @@ def main(
     rows = []
 
     def grade(method: str, seed: int, policy: Any) -> None:
-        found = f"{graded(policy):.0f}"
-        rows.append({"method": method, "seed": seed, "return_of_running": found})
+        row = {"method": method, "seed": seed, "return_of_running": f"{graded(policy):.0f}"}
+        rows.append(row)
         write_rows(output, rows)
 
     for seed in seeds:

@@ -16,10 +16,10 @@ from .trees import base_of
 
 
 def model(task: Any, compiled: mujoco.MjModel) -> None:
-    """Refuse models with state that a reset does not restore, and `substeps` that are none."""
+    """Refuse `substeps` that are no positive integer, and state that a reset does not restore."""
     if not isinstance(task.substeps, int | np.integer) or task.substeps < 1:
         raise MorlaxError(
-            f"{task.__name__}.substeps is {task.substeps}: it must be a whole number from 1."
+            f"{task.__name__}.substeps is {task.substeps}: it must be a whole number, at least 1."
         )
     if compiled.npluginstate or compiled.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
         cause = "has plugins with a state" if compiled.npluginstate else "lets bodies sleep"

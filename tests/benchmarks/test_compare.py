@@ -146,12 +146,12 @@ def test_the_episodes_that_count_are_not_those_of_training(tmp_path):
 @pytest.mark.long
 def test_table1(tmp_path):
     options = ("--env", "cheetah", "--limits", "0.2", "--seeds", "3", "--device", "cpu")
-    found = []
+    tables = []
     for _ in range(2):
         done = python(SCRIPT.with_name("table1.py"), *options, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        found.append(csv_rows(tmp_path / "table1.csv"))
-    ((row,), again) = found
+        tables.append(csv_rows(tmp_path / "table1.csv"))
+    ((row,), again) = tables
     assert again == [row]  # which existed, so it was not measured again
     assert (row["env"], row["seed"]) == ("cheetah", "3")
     printed, volume = float(row["printed_hypervolume"]), float(row["hypervolume"])

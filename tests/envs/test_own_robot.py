@@ -249,7 +249,7 @@ MISTAKES = {  # lines at the end of the class
     "def initial_qpos(self): return [0.0] * 4": "has type ndarray and shape (4,)",
     "def initial_qpos(self): return [float('nan')] * 5": "(5,), one finite number per qpos",
     "def terms(self): return {'forward': np.zeros(3)}": "must be a tensor (3,)",
-    "substeps = 0.02 / 0.005": "Crawler.substeps is 4.0: it must be a whole number from 1.",
+    "substeps = 0.02 / 0.005": "Crawler.substeps is 4.0: it must be a whole number, at least",
     "def observe(self): return self.physics.qpos.T": "shape (5, 3): it must be a tensor (3, O)",
     "def apply(self, action): self.physics.ctrl.copy_(action[:, :1].repeat(1, 3))": (
         "apply() cannot turn actions of shape (3, 2) into physics.ctrl of shape (3, 2)"

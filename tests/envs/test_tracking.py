@@ -107,7 +107,7 @@ def test_evaluated_episodes_of_every_trade_off_start_at_the_same_frames(motion):
     gaps = frames[:8].sort().values.diff()
     assert gaps.min() > 0 and gaps.max() < 13  # of 50 frames that an episode may start at
     assert frames.max() + 50 <= command.motion.time_step_total
-    # mjlab's even draws include the last frame, after which there is none
+    # mjlab's even draws include the last frame, beyond which a step must not go
     command._uniform_sampling = lambda worlds: command.time_steps.index_fill_(0, worlds, 99)
     env.env.episode_length_buf.fill_(49)
     env.step(torch.zeros(32, env.action_size))

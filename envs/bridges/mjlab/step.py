@@ -125,8 +125,8 @@ class MaskedStep:
                 self._run(term)
             env.action_manager.reset(self.everyone)
             for manager in (env.reward_manager, env.termination_manager, env.observation_manager):
-                for thing in _resettable(manager):
-                    thing.reset(env_ids=self.everyone)
+                for stateful in _resettable(manager):
+                    stateful.reset(env_ids=self.everyone)
             env.episode_length_buf.zero_()
 
         self._masked(over, restart)
@@ -227,8 +227,8 @@ def supported(cfg: Any) -> bool:
     ]
     groups = [group for group in cfg.observations.values() if group is not None]
     checked = [group.nan_policy != "disabled" for group in groups]  # which waits for the GPU
-    others = any([*late, *checked, cfg.is_finite_horizon])
-    return all([*events, *commands, *levels]) and not others
+    unsupported = [*late, *checked, cfg.is_finite_horizon]
+    return all([*events, *commands, *levels]) and not any(unsupported)
 
 
 def _yaw(frames: Tensor) -> Tensor:
@@ -243,12 +243,12 @@ def _yaw(frames: Tensor) -> Tensor:
 
 
 def _resettable(manager: Any) -> list[Any]:
-    """Return what has a state in a manager: terms, and the noise of observations."""
+    """Return the stateful objects of a manager: terms, and models of observation noise."""
     groups = getattr(manager, "_group_obs_class_term_cfgs", None)
     if groups is None:
         return [term.func for term in manager._class_term_cfgs]
-    noises = [*manager._group_obs_class_instances.values()]
     terms = [term.func for group in groups.values() for term in group]
+    noises = manager._group_obs_class_instances.values()
     return terms + [noise for group in noises for noise in group.values()]
 
 
