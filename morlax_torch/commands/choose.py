@@ -58,8 +58,11 @@ def command(arguments: Sequence[str]) -> None:
     least, most = options.limits()
     if options.card is not None and options.card.suffix != ".html":
         raise MorlaxError(f"the decision card {options.card} must end in .html.")
-    if options.output is not None and not (options.over_time and options.output.suffix == ".yaml"):
-        raise MorlaxError("--output FILE.yaml is for a trade-off over time, with --over-time.")
+    if options.output is not None and options.output.suffix != ".yaml":
+        raise MorlaxError(f"the trade-off over time {options.output} must end in .yaml.")
+    for name in ("knots", "slew", "output"):
+        if not options.over_time and getattr(options, name) != Choose.model_fields[name].default:
+            raise MorlaxError(f"--{name} is for a trade-off over time: add --over-time.")
     if options.over_time:
         _over_time(options, least, most)
         return

@@ -50,6 +50,12 @@ def command(arguments: Sequence[str]) -> None:
         ending = FORMATS[options.format].ending
         name = ("family" if weights is None else "policy") + ending
         file = options.output or (own_folder(run) or Path()) / name
+        for other, kind in FORMATS.items():
+            if file.suffix == kind.ending != ending:
+                raise MorlaxError(
+                    f"{file} would hold {options.format}: end its name in {ending}, or add "
+                    f"--format {other}."
+                )
         robot, facts = policy.make_robot(), {"run": provenance(run)}
         if options.slew is not None and robot.scales() is None:
             raise MorlaxError(

@@ -498,8 +498,10 @@ def test_the_command_writes_a_bookmark_and_a_decision_card(
     page = tmp_path / "card.pdf"
     assert "must end in .html" in refused(choose_command, *words, "--card", page)
     assert "cannot name a bookmark" in refused(choose_command, *words, "--bookmark", "a/b")
-    for unused in (["--output", "a.yaml"], ["--over-time", "--output", "a.json"]):
-        assert "--output FILE.yaml is for" in refused(choose_command, *words, *unused)
+    for unused in (["--output", "a.yaml"], ["--knots", "9"], ["--slew", "1"]):
+        assert f"{unused[0]} is for" in refused(choose_command, *words, *unused)
+    schedule = ["--over-time", "--output", "a.json"]
+    assert "a.json must end in .yaml" in refused(choose_command, *words, *schedule)
 
 
 def test_trials_repeat_the_evaluation_and_vary_the_robot():

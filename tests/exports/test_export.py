@@ -225,6 +225,7 @@ def test_a_mistake_prints_one_error_and_writes_nothing(saved, refused):
     weights = refused(export, "policy.pt", "--tradeoff", "-1,2")
     assert "must be finite, not negative" in weights
     output = ("--format", "torchscript", "--output", "policy.pt/a.ts")
+    assert "add --format torchscript" in refused(export, "policy.pt", "--output", "policy.ts")
     assert "cannot make policy.pt: File exists" in refused(export, "policy.pt", *output)
     actor = nn.Sequential(nn.Linear(13, 8))
     checkpoint.write(
