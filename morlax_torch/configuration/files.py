@@ -23,16 +23,17 @@ RECORD = """\
 def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:
     """Return the tuned values of a task for "cuda" or "cpu".
 
-    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml or else
-    configs/mjlab.yaml, and for all other tasks from configs/default.yaml. An algorithm other than
-    MORLAX changes what configs/algorithms/<algorithm>.yaml says, for the task itself in the section
-    `tasks`. Of a file's section `gpus`, the changes for at most as many GPUs as `torchrun` has
-    started processes apply.
+    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml, else from the
+    family's, such as configs/mjlab.yaml, and for all other tasks from configs/default.yaml. A file
+    may change the values of another one, its `base`. An algorithm other than MORLAX changes what
+    configs/algorithms/<algorithm>.yaml says, for the task itself in the section `tasks`. Of a
+    file's section `gpus`, the changes for at most as many GPUs as `torchrun` has started processes
+    apply.
     """
     task, names = envs.get(env), ["default"]
     if not is_file(env):
         name = env.replace(":", "/")  # of mjlab, a twin with fewer observations has no own values
-        names = [name, name.removesuffix("-No-State-Estimation"), env.partition(":")[0], "default"]
+        names = [name, name.removesuffix("-No-State-Estimation"), name.partition("/")[0], "default"]
     values = next(filter(None, (_packaged(name, device_type) for name in names)))
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})
@@ -48,7 +49,17 @@ def required_values(algorithm: str) -> dict[str, Any]:
 
 def _read_packaged(name: str) -> dict[str, Any]:
     file = resources.files("morlax_torch.configs") / f"{name}.yaml"
-    return yaml.safe_load(file.read_text()) if file.is_file() else {}
+    return _over_base(yaml.safe_load(file.read_text())) if file.is_file() else {}
+
+
+def _over_base(values: dict[str, Any]) -> dict[str, Any]:
+    """Merge a file's values over those of its `base`, the name of a packaged file."""
+    base = values.pop("base", None)
+    if base is None:
+        return values
+    if not (below := _read_packaged(base)):
+        raise MorlaxError(f"there is no configs/{base}.yaml, the base of a config: name another.")
+    return merged(below, values)
 
 
 def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
@@ -65,7 +76,7 @@ def file_values(
 
     `env` and `algorithm` are those of the command line; another task may use the file's values.
     """
-    values = _fitted(read_yaml(path), device_type)
+    values = _fitted(_over_base(read_yaml(path)), device_type)
     if algorithm is not None and values.setdefault("algorithm", algorithm) != algorithm:
         raise MorlaxError(
             f"{path} is for algorithm {values['algorithm']!r}, but --algorithm says {algorithm!r}."

@@ -43,6 +43,14 @@ def test_an_algorithm_changes_tasks_that_have_a_config():
             assert (folder / f"{env.replace(':', '/')}.yaml").is_file(), env
 
 
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_the_file_of_a_task_has_the_task_s_values_wherever_it_lies(device, tmp_path):
+    folder, file = Path(str(resources.files("morlax_torch.configs"))), tmp_path / "mine.yaml"
+    for env in (env for env in TASKS if (folder / f"{env}.yaml").is_file()):
+        file.write_text((folder / f"{env}.yaml").read_text())
+        assert load_config(file_values(file, device)) == load_config(task_values(env, device))
+
+
 def test_default_objectives_are_those_of_the_paper():
     own = [env for env in TASKS if "/" not in env]
     objectives = {env: tuple(load_config({"env": env}).task.objectives) for env in own}
@@ -119,6 +127,7 @@ def test_unusable_values_are_refused_in_one_sentence(name):
 
 UNREADABLE = {
     "the same key twice": ("env: ant\nseed: 1\nseed: 2\n", "the key seed appears twice"),
+    "no base": ("env: ant\nbase: x\n", "there is no configs/x.yaml"),
     "one GPU": ("env: ant\ngpus: {1: {seed: 2}}\n", "gpus.1.*greater than or equal to 2"),
     "deep nesting": ("a: " + "[" * 2000 + "]" * 2000, "is nested too deeply"),
     "binary": ("env: \0", "is not valid YAML"),
