@@ -23,8 +23,8 @@ from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.configuration.sections import NetworkConfig, options_class
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.resources import one_thread
-from morlax_torch.networks.agent import Agent, Sizes
-from morlax_torch.runs.checkpoint import fingerprint
+from morlax_torch.networks.agent import Agent
+from morlax_torch.runs.checkpoint import Task, fingerprint
 from morlax_torch.viewers.filming.rendering import choose_opengl
 
 if not torch.cuda.is_available():
@@ -197,11 +197,13 @@ def make_agent(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Agent]:
         **network: object,
     ) -> Agent:
         monkeypatch.setattr(NetworkConfig, "scale", scale)
-        sizes = {"hidden": (8,), "features": 4, "actor": (6, 5), "critic": (7,)}
-        changes = {"network": NetworkConfig.model_validate({**sizes, **network})}
+        layers = {"hidden": (8,), "features": 4, "actor": (6, 5), "critic": (7,)}
+        changes = {"network": NetworkConfig.model_validate({**layers, **network})}
         config = load_config(task_values("hopper", "cpu")).model_copy(update=changes)
         generator = torch.Generator().manual_seed(0)
-        return Agent(config, Sizes(observation_size, action_size, num_objectives), generator)
+        objectives = tuple(map(str, range(num_objectives)))
+        sizes = {"observation_size": observation_size, "action_size": action_size}
+        return Agent(config, Task(objectives=objectives, **sizes), generator)
 
     return make
 
@@ -236,8 +238,7 @@ def make_policy() -> Callable[..., Policy]:
         config = load_config(merged(task_values(name, "cpu"), changes))
         env = envs.make(name, 1, "cpu")
         generator = torch.Generator().manual_seed(0)
-        sizes = Sizes(env.observation_size, env.action_size, len(env.objectives))
-        agent = Agent(config, sizes, generator)
+        agent = Agent(config, env, generator)
         torch.nn.init.normal_(agent.actor.weight, std=0.2, generator=generator)
         return Policy(agent, config, env.objectives)
 

@@ -11,7 +11,8 @@ from morlax_torch import Policy, config_for, envs
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.sections import NetworkConfig
-from morlax_torch.networks.agent import Agent, Sizes
+from morlax_torch.networks.agent import Agent
+from morlax_torch.runs.checkpoint import Task
 from morlax_torch.runs.progress import Progress
 from morlax_torch.runs.training import Schedule
 
@@ -62,11 +63,11 @@ def learner(config: Config, iterations: int = 0, **networks: nn.Module) -> Any:
 
 def varied(**changes: Any) -> Policy:
     """Return an untrained policy, with changes of its config, whose actions depend on all."""
-    config = tiny(**changes)
-    agent = Agent(config, Sizes(13, 4, 2))
+    config, objectives = tiny(**changes), ("run", "jump")
+    agent = Agent(config, Task(objectives=objectives, observation_size=13, action_size=4))
     for parameter in agent.parameters():  # they start equal for all trade-offs
         nn.init.normal_(parameter)
-    return Policy(agent, config, ("run", "jump"))
+    return Policy(agent, config, objectives)
 
 
 def iterate(learner: Any, iterations: int) -> None:

@@ -14,7 +14,7 @@ from ..envs import MorlaxError, Worlds
 from ..envs.devices import restore_generator, seed_of
 from ..gpu.graph import Graph
 from ..gpu.group import Group
-from ..networks.agent import Agent, Sizes
+from ..networks.agent import Agent
 from .rollout import Episodes, Rollout
 
 
@@ -25,7 +25,7 @@ def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
         tolerance = config.network.symmetry_tolerance
         networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
     generator = torch.Generator().manual_seed(config.seed)
-    return Agent(config, Sizes.of(env), generator, **networks).to(env.device)
+    return Agent(config, env, generator, **networks).to(env.device)
 
 
 @torch.no_grad()

@@ -1,9 +1,8 @@
 """Actor and critic families, with their normalizers."""
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
 import torch
@@ -12,7 +11,7 @@ from torch import Tensor, nn
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError, Worlds
-from ..envs.worlds.design_space import DesignParameter, DesignSpace
+from ..envs.worlds.design_space import DesignSpace
 from ..envs.worlds.mirror import Mirror, Reflection
 from ..gpu import fused
 from .family import Conditioned, Family, Independent
@@ -67,22 +66,6 @@ class SpecializedPolicy(nn.Module):
         return self.actor(self.normalizer(observation)).chunk(2, dim=-1)[0].tanh()
 
 
-class Sizes(NamedTuple):
-    """Numbers of a task that determine the shapes of its networks."""
-
-    observation: int  # O, features that actors see
-    action: int  # A
-    objectives: int  # m
-    privileged: int = 0  # P, further features that critics see
-    designs: Mapping[str, DesignParameter] = MappingProxyType({})  # of the robot's body, by name
-
-    @classmethod
-    def of(cls, task: Any) -> Self:
-        """Return the sizes of worlds, or of those that a checkpoint describes."""
-        m, P = len(task.objectives), task.privileged_size
-        return cls(task.observation_size, task.action_size, m, P, task.designs)
-
-
 class Agent(nn.Module):
     """Everything that training changes: an actor and a critic for every trade-off, and normalizers.
 
@@ -91,7 +74,7 @@ class Agent(nn.Module):
 
     Args:
         config: the config.
-        sizes: of the task.
+        task: `Worlds`, or the `Task` of a checkpoint, which has their sizes.
         generator: draws the initial parameters.
         actor: replaces the config's actor: a module from (B, O) to (B, 2A). One that is conditioned
             takes m more inputs, the trade-off, and so does the critic.
@@ -102,7 +85,7 @@ class Agent(nn.Module):
     def __init__(
         self,
         config: Config,
-        sizes: Sizes,
+        task: Any,
         generator: torch.Generator | None = None,
         *,
         actor: nn.Module | None = None,
@@ -110,12 +93,12 @@ class Agent(nn.Module):
         mirror: Mirror | None = None,
     ):
         super().__init__()
-        network, m = config.network, sizes.objectives
+        network, m = config.network, len(task.objectives)
         # R, that are independent of each other; 0 of other types
         self.num_networks = config.sampling.clusters if network.type == "independent" else 0
-        self.observation_size, self.privileged_size = sizes.observation, sizes.privileged
-        self.action_size, self.num_objectives = sizes.action, m
-        self.designs, self._max_std = dict(sizes.designs), network.max_std
+        self.observation_size, self.privileged_size = task.observation_size, task.privileged_size
+        self.action_size, self.num_objectives = task.action_size, m
+        self.designs, self._max_std = dict(task.designs), network.max_std
         context = torch.zeros(0, dtype=torch.float32)
         if config.sampling.designs:
             if not self.designs:
@@ -152,7 +135,7 @@ class Agent(nn.Module):
             self.actor = make(actor)
             shared = self.actor.features if network.type == "single" else None
             self.critic = make(critic, features=shared)
-        features = sizes.observation + sizes.privileged
+        features = self.observation_size + self.privileged_size
         self.observation_normalizer = Normalizer(features, mirror.observation if mirror else None)
         self.value_normalizer = Normalizer(self.num_values)
 

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ..configuration.config import Config
 from ..configuration.sections import RslRlOptions
 from ..envs import MorlaxError
-from .agent import Agent, Sizes
+from .agent import Agent
 
 MOST = 1 - 1e-6  # of a squashed action, so that its atanh is finite
 
@@ -54,12 +54,12 @@ class Squashed(GaussianMLP):
 class RslRlAgent(Agent):
     """The policies of a checkpoint that `ParetoPPO` has written, without critics."""
 
-    def __init__(self, config: Config, sizes: Sizes, **others: Any):
+    def __init__(self, config: Config, task: Any, **others: Any):
         assert isinstance(config.method, RslRlOptions)
         if (scale := getattr(config.task, "action_scale", None)) is None:
             raise MorlaxError(f"{config.env} has no action_scale, which rsl_rl's policies need.")
-        layers = sizes.observation, *config.network.actor, sizes.action
+        layers = task.observation_size, *config.network.actor, task.action_size
         actor = Squashed(layers, config.method.activation, scale)
-        super().__init__(config, sizes, actor=actor)
+        super().__init__(config, task, actor=actor)
         self._own = []  # the config describes the actor
         self.observation_normalizer.limit = math.inf

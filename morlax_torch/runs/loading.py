@@ -21,7 +21,7 @@ from ..envs.worlds.options import PLAIN_NAME
 from ..evaluation.evaluator import make_evaluator
 from ..evaluation.front import Front
 from ..host.files import RUNS, AnyPath, making, newest_runs, read, write_file
-from ..networks.agent import Agent, Sizes
+from ..networks.agent import Agent
 from ..networks.hypernetwork import Hypernetwork
 from ..networks.policy import Policy
 from ..networks.unbounded import RslRlAgent
@@ -123,7 +123,7 @@ def load(
     config = checkpoint.read_config(contents, path)
     task, networks = contents.environment, dict(contents.own_networks)
     make = RslRlAgent if isinstance(config.method, RslRlOptions) else Agent
-    agent = make(config, Sizes.of(task), actor=actor)
+    agent = make(config, task, actor=actor)
     state, complete = contents.agent, contents.policy is None
     if networks.pop("critic", None):  # a user's critic, which policies do not need
         state = {name: value for name, value in state.items() if not name.startswith("critic.")}

@@ -19,9 +19,10 @@ from morlax_torch.configuration.tradeoffs import parse_tradeoff
 from morlax_torch.evaluation.evaluator import evaluation_worlds
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.requirements import Requirements, index_of
-from morlax_torch.networks.agent import Agent, Sizes
+from morlax_torch.networks.agent import Agent
 from morlax_torch.reports.page import card
 from morlax_torch.runs import choosing
+from morlax_torch.runs.checkpoint import Task
 from morlax_torch.runs.choosing import (
     CONDITIONS,
     EPISODES,
@@ -106,13 +107,14 @@ def separate(folder: Path, name: str, task: type[Quadratic]) -> Path:
     changes = {"network.type": "independent", "sampling.clusters": len(SHARES), "device": "cpu"}
     changes |= {"algorithm": "independent", "network.actor": (), "evaluation.tradeoffs": 11}
     config = config_for(name, **changes, worlds=4 * len(SHARES))
-    agent = Agent(config, Sizes(1, 2, 2))
+    objectives = "left", "right"
+    agent = Agent(config, Task(objectives=objectives, observation_size=1, action_size=2))
     actions = SHARES[:, None] * PLACES[0] + (1 - SHARES[:, None]) * PLACES[1]
     bias = torch.cat([actions.atanh(), torch.zeros(len(SHARES), 2)], 1)
     with torch.no_grad():
         rows = agent.actor.get_parameter("rows").zero_()
         rows[:, -4:] = bias
-    policy = Policy(agent, config, ("left", "right"))
+    policy = Policy(agent, config, objectives)
     (folder / "checkpoints").mkdir(parents=True)
     save(policy, folder / "checkpoints" / "best.pt")
     evaluate(policy, device="cpu", seeds=1).save(folder / "front.npz")
