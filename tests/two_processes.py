@@ -104,7 +104,7 @@ def refusal(group: Group) -> str:
     actor = torch.nn.Sequential(Shifted(13, hidden), Shifted(hidden, 8))
     env = envs.make("hopper", own.worlds, "cpu")
     try:
-        make_learner(env, own, actor, group=group)
+        make_learner(env, own, actor=actor, group=group)
     except MorlaxError as error:
         return str(error)
     return ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import MorlaxError
 from ...worlds.mirror import FLIP, PARALLEL, Mirror, Reflection, check, partners, posed
+from .commands import VELOCITY
 
 POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROMETER)
 
@@ -80,8 +81,7 @@ class _Terms:
 
     def generated_commands(self, params: dict[str, Any]) -> Reflection | None:
         term = self._env.command_manager.get_term(params["command_name"])
-        is_velocity = type(term).__name__ == "UniformVelocityCommand"
-        return _vector([1.0, -1.0, -1.0]) if is_velocity else None
+        return _vector([1.0, -1.0, -1.0]) if type(term).__name__ == VELOCITY else None
 
     def builtin_sensor(self, params: dict[str, Any]) -> Reflection | None:
         sensor = self._model.sensor(params["sensor_name"])

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from ...worlds.interface import TimeStep
 from ...worlds.mujoco_robot import Deployment, Part, Robot
+from .motion import KEYS
 from .worlds import MjlabWorlds, from_task
 
 NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ
@@ -91,13 +92,10 @@ class MjlabRobot(MjlabWorlds, Robot):
         return cfg
 
     def layout(self) -> list[Part]:
-        manager, group = self.env.observation_manager, self.groups[0]
-        dims = zip(manager.active_terms[group], manager.group_obs_term_dim[group], strict=True)
-        sizes = {name: self.lengths[name] * torch.Size(dim).numel() for name, dim in dims}
         return [
-            Part(name, size, UNITS.get(self._label(name), "as in mjlab"))
-            for name, size in sizes.items()
-            if size
+            Part(name, number * self.sizes[name], UNITS.get(self._label(name), "as in mjlab"))
+            for name, number in self.lengths.items()
+            if number
         ]
 
     def targets(self) -> list[str]:
@@ -252,9 +250,7 @@ def _clip(terms: list[Any]) -> list[list[float]] | None:
 
 def _motion(command: Any, fps: float) -> bytes:
     """Return the motion of mjlab's command as a file with mjlab's names, of key bodies only."""
-    bodies = [f"body_{name}_w" for name in ("pos", "quat", "lin_vel", "ang_vel")]
-    names = "joint_pos", "joint_vel", *bodies
-    arrays = {name: getattr(command.motion, name).numpy() for name in names}
+    arrays = {name: getattr(command.motion, name).numpy() for name in KEYS}
     file = io.BytesIO()
     np.savez_compressed(file, fps=np.array([fps]), **arrays)
     return file.getvalue()

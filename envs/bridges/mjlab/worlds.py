@@ -140,9 +140,9 @@ class MjlabWorlds(ForeignWorlds):
     def _remember(self) -> None:
         manager, (actor, *_) = self.env.observation_manager, self.groups
         dims = zip(manager.active_terms[actor], manager.group_obs_term_dim[actor], strict=True)
-        sizes = {name: torch.Size(dim).numel() for name, dim in dims}
-        self.lengths = lengths(sizes, self.options.sensors, self.options.history)
-        parts = [*sizes.values(), self.privileged_size], [*self.lengths.values(), 1]
+        self.sizes = {name: torch.Size(dim).numel() for name, dim in dims}  # of each term's value
+        self.lengths = lengths(self.sizes, self.options.sensors, self.options.history)
+        parts = [*self.sizes.values(), self.privileged_size], [*self.lengths.values(), 1]
         self._history = History(*parts, self.num_worlds, self.device)
         self.observation_size = self._history.size - self.privileged_size
 
