@@ -3,7 +3,6 @@
 import { Recorded } from "./engines/recorded.js";
 import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
-import { help } from "./panel/help.js";
 import { Panel } from "./panel/panel.js";
 import { $, html, icon } from "./pictures.js";
 import { Talk } from "./panel/talk.js";
@@ -224,7 +223,7 @@ function showPlayback(engine, stage) {
   $("timeline").max = past.length - 1;
   if (moment === null) $("timeline").value = past.length - 1;
   label("pause", stopped ? "Continue (space)" : "Pause (space)", stopped ? "play" : "pause");
-  $("pace").replaceChildren(html("span", { className: "icon", textContent: `${pace}×` }), word("speed"));
+  label("pace", "Simulation speed", "pace", `${pace}×`);
 }
 
 /** Show a sentence above the robots, for as long as it takes to read, or until the next one. */
@@ -271,16 +270,17 @@ function wireControls() {
   });
   const select = (robot) => robot < state.engine.robots.length && state.engine.select(robot);
   Object.assign(actions, {
-    help,
+    help: () => $("help").showModal(),
     balance: () => $("balance").click(),
     unit: () => state.panel.measureBy(unit() === "second" ? "episode" : "second"),
     ...Object.fromEntries([0, 1, 2, 3].map((robot) => [robot, () => select(robot)])),
   });
-  $("keys-button").addEventListener("click", help);
+  $("keys-button").addEventListener("click", actions.help);
   $("view").addEventListener("keydown", (event) => {
     const [across, up] = TURNS[event.key] ?? [];
     if (across === undefined) return;
-    state.stage.turn(across * TURN, up * TURN);
+    state.stage.controls.rotateLeft(-across * TURN);
+    state.stage.controls.rotateUp(-up * TURN);
     event.preventDefault();
   });
   // Space presses a button that has the focus, but a click is not to keep it
@@ -324,12 +324,10 @@ function download(data, ending) {
 }
 
 /** Give a button a title, an icon and a word. */
-function label(button, title, picture = button) {
+function label(button, title, picture = button, word = WORDS[picture] ?? picture) {
   Object.assign($(button), { title, ariaLabel: title });
-  $(button).replaceChildren(icon(picture), word(WORDS[picture] ?? picture));
+  $(button).replaceChildren(icon(picture), word);
 }
-
-const word = (textContent) => html("span", { className: "word", textContent });
 
 /** Follow the system's light or dark theme, until the visitor switches. */
 function followTheme() {
@@ -337,14 +335,14 @@ function followTheme() {
   let chosen = query.get("theme");
   const dress = () => {
     const theme = chosen ?? (system.matches ? "dark" : "light");
-    document.documentElement.dataset.theme = theme;
+    document.documentElement.style.colorScheme = theme;
     state.stage.dress(theme);
     $("theme").replaceChildren(icon(theme === "dark" ? "sun" : "moon"));
   };
   system.addEventListener("change", dress);
   $("theme").ariaLabel = $("theme").title;
   $("theme").addEventListener("click", () => {
-    chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    chosen = document.documentElement.style.colorScheme === "dark" ? "light" : "dark";
     dress();
   });
   dress();

@@ -28,7 +28,7 @@ export function isNews(part, ...facts) {
 
 /** Make a round button with a text, and a dot of a color if there is one. */
 export function chip(text, title, act, color = null) {
-  const look = color === null ? { className: "chip" } : { className: "chip dot", style: `--color: ${color}` };
+  const look = color === null ? {} : { className: "dot", style: `--color: ${color}` };
   const button = html("button", { type: "button", textContent: text, title, ...look });
   button.addEventListener("click", act);
   return button;
@@ -43,6 +43,7 @@ const ICONS = {
   photo: "M4 8h3.5l1.5-2.5h6L16.5 8H20v10.5H4zM12 10a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
   clip: "M4 7h10.5v10H4zM14.5 11 20 8v8l-5.5-3",
   stop: "M7 7h10v10H7z",
+  pace: "M5 18a9 9 0 1 1 14 0M12 14l3.5-5",
   talk: "M4 5.5h16v10H4zM12 15.5v4M8.5 19.5h7M10.5 8.5v4l3.5-2z",
   sun: "M12 8a4 4 0 1 0 0 8 4 4 0 1 0 0-8M12 3v1.5M12 19.5V21M3 12h1.5M19.5 12H21M5.6 5.6l1 1M17.4 17.4l1 1M18.4 5.6l-1 1M6.6 17.4l-1 1",
   moon: "M19 14.5A7.5 7.5 0 0 1 9.5 5a7.5 7.5 0 1 0 9.5 9.5z",

@@ -68,7 +68,7 @@ export class Matrix {
     });
     const paths = [...dots].map(([stroke, d]) => svg("path", { d, stroke, class: "dots" }));
     const rings = svg("g");
-    button.append(svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "small" }, ...paths, rings));
+    button.append(svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}` }, ...paths, rings));
     return { button, rings, at, pair: [across, up] };
   }
 }

@@ -27,7 +27,6 @@ const KINDS = {
 };
 const TELLING = 250; // ms between numbers beside the ring
 const HELD = "#panel :active, :is(#levels, #matrix) :focus"; // what a visitor holds is not replaced
-const FEW = 6; // objectives, each of which gets a row of its own
 
 export class Panel {
   /** `settled` is called when a visitor has chosen a trade-off, and lets go of a slider or plot. */
@@ -138,7 +137,6 @@ export class Panel {
     });
     const move = (index, value) => choose(moved(engine.steered.tradeoff, index, value));
     this.weights = new Sliders(rows, move, settled);
-    $("weights").classList.toggle("columns", rows.length > FEW);
     $("weights").replaceChildren(...this.weights.elements);
   }
 

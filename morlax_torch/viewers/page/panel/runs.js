@@ -48,9 +48,7 @@ function shortened(names) {
 export class SavingPanel {
   constructor(engine) {
     this.engine = engine;
-    $("export").title = "Write the policy of this trade-off as ONNX, like morlax export";
     $("export").onclick = () => engine.press("export");
-    $("card").title = "Try the choice under pushes and other conditions, and write a page about it";
     $("card").onclick = () => engine.press("card");
   }
 

@@ -14,7 +14,7 @@ export class Sliders {
     });
     this.outputs = rows.map(() => html("output"));
     this.elements = rows.map(({ name, color, title = "", act }, index) => {
-      const look = { className: act ? "name chip" : "name", textContent: name, title };
+      const look = { className: "name", textContent: name, title };
       const head = html(act ? "button" : "span", act ? { ...look, type: "button", onclick: act } : look);
       const row = html("div", { className: "slider" }, head, this.inputs[index], this.outputs[index]);
       row.style.setProperty("--color", color);
@@ -27,8 +27,7 @@ export class Sliders {
     values.forEach((value, i) => {
       if (!this.inputs[i].matches(":active")) this.inputs[i].value = value;
       const { limits: [min, max], format } = this.rows[i];
-      this.outputs[i].textContent = format(value);
-      this.inputs[i].ariaValueText = format(value);
+      this.outputs[i].textContent = this.inputs[i].ariaValueText = format(value);
       this.elements[i].style.setProperty("--share", (value - min) / (max - min));
     });
   }

@@ -21,7 +21,6 @@ export class TypedWeights {
       if (weights) choose(weights);
     };
     $("copy").onclick = () => this.#copy().catch(() => $("typed").select());
-    $("keep").title = "Keep this trade-off as a bookmark of the run";
     $("keep").onclick = () => this.#name(null);
     $("naming").hidden = true;
     $("naming").onsubmit = (event) => {
@@ -52,7 +51,7 @@ export class TypedWeights {
       const change = (text, title, act) => Object.assign(chip(text, title, act), { ariaLabel: title });
       return html(
         "span",
-        { className: "bookmark" },
+        { className: "joined" },
         mark,
         change("✎", `Rename ${name}`, () => this.#name(name)),
         change("✕", `Delete ${name}`, () => this.engine.rename(name, "")),

@@ -135,15 +135,6 @@ export class Stage {
     this.controls.update();
   }
 
-  /** Turn the camera about the robots, in radians. */
-  turn(across, up) {
-    const way = new THREE.Spherical().setFromVector3(upright(this.camera.position.clone().sub(this.controls.target)));
-    way.theta += across;
-    way.phi = THREE.MathUtils.clamp(way.phi + up, 0.05, this.controls.maxPolarAngle);
-    const { x, y, z } = new THREE.Vector3().setFromSpherical(way);
-    this.camera.position.set(x, -z, y).add(this.controls.target);
-  }
-
   /** Return a picture of the present drawing, as a PNG file's data. */
   picture() {
     this.draw(1);
@@ -244,9 +235,6 @@ export class Stage {
     if (Math.abs(before - this.camera.aspect) > 0.01) this.lookHome();
   }
 }
-
-/** Return a direction with y up, as three.js's angles have it. */
-const upright = ({ x, y, z }) => new THREE.Vector3(x, z, -y);
 
 /** Return a box around what moves. */
 function boundsOf(model, { places, turns }) {
