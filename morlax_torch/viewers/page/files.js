@@ -24,7 +24,7 @@ export function once(start) {
     }));
 }
 
-export const traffic = { come: 0, due: 0, follow: () => {} }; // bytes of compressed files
+export const traffic = { come: 0, follow: () => {} }; // bytes of compressed files
 
 /** Fetch a file that `pack` compressed, and count its bytes. */
 export async function unpacked(address) {

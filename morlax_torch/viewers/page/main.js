@@ -12,7 +12,7 @@ import { even, parsed, shown } from "./tradeoffs.js";
 
 const PACES = [1, 0.5, 0.25];
 const WORDS = { play: "continue", reset: "restart", photo: "picture" }; // others are named as their icon
-const TURNS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const TURN = 0.1; // radians of the camera per key
 const query = new URLSearchParams(location.search);
 const remote = document.documentElement.dataset.engine === "remote";
@@ -277,10 +277,10 @@ function wireControls() {
   });
   $("keys-button").addEventListener("click", actions.help);
   $("view").addEventListener("keydown", (event) => {
-    const [across, up] = TURNS[event.key] ?? [];
-    if (across === undefined) return;
-    state.stage.controls.rotateLeft(-across * TURN);
-    state.stage.controls.rotateUp(-up * TURN);
+    const [left, up] = TURNS[event.key] ?? [];
+    if (left === undefined) return;
+    state.stage.controls.rotateLeft(left * TURN);
+    state.stage.controls.rotateUp(up * TURN);
     event.preventDefault();
   });
   // Space presses a button that has the focus, but a click is not to keep it

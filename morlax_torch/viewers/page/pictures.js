@@ -84,6 +84,16 @@ export function ticks(low, high, count = 4) {
   return marks;
 }
 
+/** Draw the grid of two axes within [left, right, top, bottom]; a mark is its place and its text. */
+export function grid([left, right, top, bottom], across, up) {
+  return [
+    ...across.map(([x]) => svg("line", { x1: x, x2: x, y1: top, y2: bottom, class: "grid" })),
+    ...across.map(([x, text]) => svg("text", { x, y: bottom + 15, "text-anchor": "middle" }, text)),
+    ...up.map(([y]) => svg("line", { x1: left, x2: right, y1: y, y2: y, class: "grid" })),
+    ...up.map(([y, text]) => svg("text", { x: left - 6, y: y + 4, "text-anchor": "end" }, text)),
+  ];
+}
+
 /** Format a number for a tick: 2500 is 2.5k. */
 export function short(value) {
   for (const [size, letter] of [[1e9, "G"], [1e6, "M"], [1e3, "k"]]) {

@@ -1,11 +1,11 @@
 // Lines of the last seconds, of all robots: what they earn, their speed and their power.
 
-import { $, html, short, svg } from "../pictures.js";
-import { colorOf, robotColor } from "../tradeoffs.js";
+import { $, grid, html, onDrag, short, svg } from "../pictures.js";
+import { robotColor } from "../tradeoffs.js";
 import { present } from "./units.js";
 
 const SECONDS = 20;
-const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [380, 92, 50, 6, 18];
+const [LEFT, RIGHT, TOP, BOTTOM] = [50, 366, 6, 74]; // of the axes
 const INTERVAL = 0.05; // s between samples
 
 export class Charts {
@@ -31,27 +31,22 @@ export class Charts {
   #forget() {
     this.samples = [];
     this.time = 0;
-    const { about, robots } = this.engine;
+    const { robots } = this.engine;
     const many = robots.length > 1;
-    const colors = robots.map((_, i) => (many ? robotColor(i) : "var(--ink)"));
-    const each = (of) => robots.map((_, i) => () => of(i));
-    const earned = (k) => (i) => {
-      return present() === "second" ? this.live.robots[i]?.rates?.[k] : this.engine.robots[i].returns[k];
-    };
     const unit = present() === "second" ? "per second" : "of the episode so far";
-    const returns = about.titles.map((name, k) => {
-      return { title: `${name} ${unit}`, colors: many ? colors : [colorOf(k)], lines: each(earned(k)) };
+    this.charts = this.live.numbers.map(({ name, index, color, now }) => {
+      const title = index === undefined ? name : `${name} ${unit}`;
+      return { title, now, colors: robots.map((_, i) => (many ? robotColor(i) : color)) };
     });
-    this.charts = [
-      { title: "speed (m/s)", colors, lines: each((i) => this.live.robots[i]?.speed) },
-      { title: "mechanical power (W)", colors, lines: each((i) => this.live.robots[i]?.power) },
-      ...returns,
-    ];
+    const hover = ([x]) => {
+      this.hovered = x < LEFT ? null : ((RIGHT - x) / (RIGHT - LEFT)) * SECONDS;
+      this.#draw();
+    };
     const drawn = this.charts.map((chart) => {
       const label = `${chart.title}, in the last ${SECONDS} s`;
-      chart.drawing = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart", role: "img", "aria-label": label });
+      chart.drawing = svg("svg", { viewBox: "0 0 380 92", class: "chart", role: "img", "aria-label": label });
       chart.values = html("span", { className: "values" });
-      chart.drawing.addEventListener("pointermove", (event) => this.#hover(event, chart.drawing));
+      onDrag(chart.drawing, hover, hover);
       chart.drawing.addEventListener("pointerleave", () => (this.hovered = null));
       return html("figure", {}, html("figcaption", {}, chart.title, chart.values), chart.drawing);
     });
@@ -61,16 +56,9 @@ export class Charts {
   #sample() {
     const began = this.engine.robots.map(({ counted }, i) => counted < (this.samples.at(-1)?.counted[i] ?? 0));
     const counted = this.engine.robots.map((robot) => robot.counted);
-    const values = this.charts.map(({ lines }) => lines.map((value) => value() ?? NaN));
+    const values = this.charts.map(({ now }) => this.engine.robots.map((_, i) => now(i) ?? NaN));
     this.samples.push({ time: this.time, values, counted, began });
     while (this.samples[0].time < this.time - SECONDS) this.samples.shift();
-  }
-
-  #hover({ clientX }, drawing) {
-    const { left, width } = drawing.getBoundingClientRect();
-    const x = ((clientX - left) / width) * WIDTH;
-    this.hovered = x < LEFT ? null : ((WIDTH - x) / (WIDTH - LEFT)) * SECONDS;
-    this.#draw();
   }
 
   /** Return the seconds before the latest sample that the timeline or the pointer asks about. */
@@ -85,13 +73,13 @@ export class Charts {
     this.charts.forEach((chart, index) => this.#drawOne(chart, index, ago));
   }
 
-  #drawOne({ drawing, colors, lines, values }, index, ago) {
+  #drawOne({ drawing, colors, values }, index, ago) {
     const rows = this.samples.map((sample) => sample.values[index]);
     const all = rows.flat().filter(Number.isFinite);
     const [low, high] = [Math.min(0, ...all), Math.max(0, ...all) + 1e-9];
-    const x = (before) => WIDTH - (before / SECONDS) * (WIDTH - LEFT);
-    const y = (value) => HEIGHT - BOTTOM - ((value - low) / (high - low)) * (HEIGHT - TOP - BOTTOM);
-    const paths = lines.map((_, k) => {
+    const x = (before) => RIGHT - (before / SECONDS) * (RIGHT - LEFT);
+    const y = (value) => BOTTOM - ((value - low) / (high - low)) * (BOTTOM - TOP);
+    const paths = colors.map((_, k) => {
       let path = "";
       this.samples.forEach(({ time, began }, i) => {
         if (!Number.isFinite(rows[i][k])) return;
@@ -99,15 +87,10 @@ export class Charts {
       });
       return svg("path", { d: path, style: `stroke: ${colors[k]}` });
     });
-    const scale = [low, high].map((value) => {
-      return svg("text", { x: LEFT - 6, y: y(value) + 4, class: "tick", "text-anchor": "end" }, short(value));
-    });
-    const times = [20, 15, 10, 5, 0].flatMap((before) => [
-      svg("line", { x1: x(before), x2: x(before), y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }),
-      svg("text", { x: x(before), y: HEIGHT - 4, class: "tick", "text-anchor": before ? "middle" : "end" }, before ? `−${before} s` : "now"),
-    ]);
-    const cursor = ago === null ? [] : [svg("line", { x1: x(ago), x2: x(ago), y1: TOP, y2: HEIGHT - BOTTOM, class: "cursor" })];
-    drawing.replaceChildren(...times, ...paths, ...scale, ...cursor);
+    const times = [20, 15, 10, 5, 0].map((before) => [x(before), before ? `−${before} s` : "now"]);
+    const axes = grid([LEFT, RIGHT, TOP, BOTTOM], times, [low, high].map((value) => [y(value), short(value)]));
+    const cursor = ago === null ? [] : [svg("line", { x1: x(ago), x2: x(ago), y1: TOP, y2: BOTTOM, class: "cursor" })];
+    drawing.replaceChildren(...axes, ...paths, ...cursor);
     const at = ago === null ? this.samples.length - 1 : this.samples.findLastIndex(({ time }) => time <= this.time - ago);
     const dots = (rows[at] ?? []).map((value, k) => {
       const textContent = Number.isFinite(value) ? short(value) : "–";

@@ -1,7 +1,7 @@
 // What the robots do now, in the present unit, and how the former episode ended.
 
 import { $, amount, html, isNews } from "../pictures.js";
-import { colorOf, distance, lowest, robotColor } from "../tradeoffs.js";
+import { distance, lowest, robotColor } from "../tradeoffs.js";
 import { inUnit, present, valuesOf } from "./units.js";
 
 export class Episode {
@@ -39,24 +39,16 @@ export class Episode {
   }
 
   /** Return rows with a name, what a robot does now, and the value of evaluated policies. */
-  #values({ objectives, titles, front }) {
-    const { live, engine } = this;
-    const returns = objectives.map((_, index) => {
-      const now = (i) => (present() === "second" ? live.robots[i]?.rates?.[index] : engine.robots[i].returns[index]);
-      return { index, name: titles[index], now, color: colorOf(index) };
-    });
-    const motion = [
-      { name: "speed (m/s)", now: (i) => live.robots[i]?.speed, color: "var(--ink)" },
-      { name: "mechanical power (W)", now: (i) => live.robots[i]?.power, color: "var(--ink)" },
-    ];
-    if (!front) return [...motion, ...returns];
-    const values = valuesOf(engine.about);
-    for (const row of [...motion, ...returns]) {
+  #values(about) {
+    const { numbers } = this.live;
+    if (!about.front) return numbers;
+    const values = valuesOf(about);
+    for (const row of numbers) {
       row.value = values.find(({ key, index }) => key === row.name || index === row.index);
     }
-    const others = values.filter(({ physical, key }) => physical && key !== motion[0].name);
-    const measured = others.map((value) => ({ name: value.key, value, color: "var(--ink)" }));
-    return [motion[0], ...measured, motion[1], ...returns];
+    const [speed, ...others] = numbers;
+    const measured = values.filter(({ physical, key }) => physical && key !== speed.name);
+    return [speed, ...measured.map((value) => ({ name: value.key, value, color: "var(--ink)" })), ...others];
   }
 
   #tabulate(number, about) {

@@ -1,6 +1,6 @@
 // The map of policies: two of their values against each other, and every point is a trade-off.
 
-import { html, lined, onDrag, percent, short, svg, ticks } from "../pictures.js";
+import { grid, html, lined, onDrag, percent, short, svg, ticks } from "../pictures.js";
 import { distance, lowest, mixed } from "../tradeoffs.js";
 import { inUnit, named, ofEpisode, valuesOf } from "./units.js";
 
@@ -31,7 +31,6 @@ export class FrontPlot {
     this.places = this.front.tradeoffs.map((_, i) => this.#at(this.columns.map((column) => column[i])));
     this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
     [this.past, this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g"), svg("g")];
-    this.readouts = [0, 1, 2].map(() => svg("text", { class: "readout told" }));
     this.nearest = 0;
     const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
     this.drawing = svg(
@@ -43,7 +42,6 @@ export class FrontPlot {
       this.past,
       this.pins,
       this.marks,
-      ...this.readouts,
     );
     this.tip = html("p", { className: "tip", hidden: true });
     this.element = html("div", { className: "map" }, this.drawing, this.tip);
@@ -56,32 +54,21 @@ export class FrontPlot {
   /** Mark the evaluated trade-offs that are nearest to given ones; the last is the visitor's own. */
   show(marks) {
     const points = marks.map(({ weights }) => lowest(this.front.tradeoffs, (w) => distance(w, weights)));
+    let isBetween = false;
     const circles = marks.map(({ weights, fill, outline }, i) => {
       const point = (this.nearest = points[i]);
       const same = points.flatMap((other, k) => (other === point ? [k] : []));
       const shift = APART * (same.indexOf(i) - (same.length - 1) / 2);
       const [x, cy] = this.places[point];
-      this.own = [x + shift, cy];
-      this.isBetween = this.front.tradeoffs[point].some((w, k) => Math.abs(w - weights[k]) > BETWEEN);
-      const look = this.isBetween ? "mark between" : "mark";
+      isBetween = this.front.tradeoffs[point].some((w, k) => Math.abs(w - weights[k]) > BETWEEN);
+      const look = isBetween ? "mark between" : "mark";
       return svg("circle", { cx: x + shift, cy, r: 7.5, fill, stroke: outline, class: look });
     });
-    this.marks.replaceChildren(...circles);
-  }
-
-  /** Say beside the visitor's ring what the robot reaches, by axis; null: unknown. */
-  tell(reached) {
-    const values = this.axes.flatMap(({ name }, i) => (reached[i] === null ? [] : `now ${name} ${short(reached[i])}`));
-    const texts = [...values, ...(this.isBetween ? ["between evaluated policies"] : []), "", "", ""];
-    const [x, y] = this.own;
-    const late = x > WIDTH / 2;
-    const above = y > HEIGHT / 2;
-    this.readouts.forEach((line, i) => {
-      if (line.textContent !== texts[i]) line.textContent = texts[i];
-      line.setAttribute("x", late ? x - 12 : x + 12);
-      line.setAttribute("y", above ? y - 35 + 13 * i : y + 16 + 13 * i);
-      line.setAttribute("text-anchor", late ? "end" : "start");
-    });
+    const [x, y] = this.places[this.nearest];
+    const side = x > WIDTH / 2 ? { x: x - 12, "text-anchor": "end" } : { x: x + 12 };
+    const look = { ...side, y: y > HEIGHT / 2 ? y - 9 : y + 16, class: "readout told" };
+    const told = isBetween ? [svg("text", look, "between evaluated policies")] : [];
+    this.marks.replaceChildren(...circles, ...told);
   }
 
   /** Draw the fronts of moments of training faintly, the last one of which may be `asked` for. */
@@ -190,7 +177,7 @@ export class FrontPlot {
       const place = k === 0 ? { x: at + 5, y: TOP + 11 } : { x: right - 4, y: at - 5, "text-anchor": "end" };
       return [
         svg("rect", { ...out, class: "ruled-out" }),
-        svg("line", { ...line, class: `threshold ${k ? "level" : "upright"}` }),
+        svg("line", { ...line, class: "threshold" }),
         svg("text", { ...place, class: "readout" }, text),
       ];
     });
@@ -261,26 +248,17 @@ export class FrontPlot {
   }
 
   #scales() {
-    const parts = [];
-    const [[left, right], [bottom, top]] = this.ranges;
-    for (const value of ticks(left, right)) {
-      const [x] = this.#at([value, bottom]);
-      parts.push(svg("line", { x1: x, x2: x, y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
-      parts.push(svg("text", { x, y: HEIGHT - BOTTOM + 15, class: "tick", "text-anchor": "middle" }, short(value)));
-    }
-    for (const value of ticks(bottom, top)) {
-      const [, y] = this.#at([left, value]);
-      parts.push(svg("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: y, y2: y, class: "grid" }));
-      parts.push(svg("text", { x: LEFT - 6, y: y + 3.5, class: "tick", "text-anchor": "end" }, short(value)));
-    }
+    const marks = this.ranges.map((range, k) => ticks(...range).map((value) => [this.#along(k, value), short(value)]));
     const [x, y] = [(LEFT + WIDTH - RIGHT) / 2, (TOP + HEIGHT - BOTTOM) / 2];
     const [across, up] = this.axes.map((axis) => {
       return axis.lower ? `← better · ${named(axis)}` : `${named(axis)} · better →`;
     });
     const look = { class: "axis", "text-anchor": "middle" };
-    parts.push(svg("text", { x, y: HEIGHT - 4, ...look }, across));
-    parts.push(svg("text", { transform: `translate(11 ${y}) rotate(-90)`, ...look }, up));
-    return parts;
+    return [
+      ...grid([LEFT, WIDTH - RIGHT, TOP, HEIGHT - BOTTOM], ...marks),
+      svg("text", { x, y: HEIGHT - 4, ...look }, across),
+      svg("text", { transform: `translate(11 ${y}) rotate(-90)`, ...look }, up),
+    ];
   }
 }
 

@@ -10,7 +10,7 @@ export class LineupPanel {
 
   show() {
     const { robots, selected, asking } = this.engine;
-    $("robots-section").hidden = Boolean(asking);
+    $("robots").hidden = Boolean(asking);
     if (!isNews(this, robots.length, selected)) return;
     $("robots").replaceChildren(...this.#buttons(robots.length, selected));
   }

@@ -1,5 +1,6 @@
 // What each robot earns and does at the moment, smoothed.
 
+import { colorOf } from "../tradeoffs.js";
 import { present } from "./units.js";
 
 const CALM = 0.05; // share of a new number in the smoothed one
@@ -15,12 +16,18 @@ export class Live {
     robots.forEach((robot, i) => follow(this.robots[i], robot, about.dt));
   }
 
-  /** Return what a robot reaches in the present unit, if it goes on like this; null: unknown. */
-  reach(robot, { index, key, physical }) {
-    const { rates, speed } = this.robots[robot] ?? {};
-    if (!rates) return null;
-    if (physical) return key === "speed (m/s)" ? speed : null;
-    return present() === "second" ? rates[index] : rates[index] * this.engine.about.front.seconds;
+  /** What a robot does and earns, by its number, in the present unit; returns have an index. */
+  get numbers() {
+    const returns = this.engine.about.titles.map((name, index) => {
+      const now = (i) => (present() === "second" ? this.robots[i]?.rates?.[index] : this.engine.robots[i].returns[index]);
+      return { name, index, color: colorOf(index), now };
+    });
+    const ink = "var(--ink)";
+    return [
+      { name: "speed (m/s)", color: ink, now: (i) => this.robots[i]?.speed },
+      { name: "mechanical power (W)", color: ink, now: (i) => this.robots[i]?.power },
+      ...returns,
+    ];
   }
 }
 

@@ -25,7 +25,6 @@ const KINDS = {
   ghost: "pose of the motion",
   errors: "distance from it, as color",
 };
-const TELLING = 250; // ms between numbers beside the ring
 const HELD = "#panel :active, :is(#levels, #matrix) :focus"; // what a visitor holds is not replaced
 
 export class Panel {
@@ -34,8 +33,8 @@ export class Panel {
     Object.assign(this, { engine, stage });
     const { about } = engine;
     this.names = about.titles;
-    this.live = new Live(engine);
-    this.parts = [new AskingPanel(engine), this.live];
+    const live = new Live(engine);
+    this.parts = [new AskingPanel(engine), live];
     if (engine.can.open) this.parts.push(new RunLists(engine));
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
@@ -58,8 +57,8 @@ export class Panel {
     this.parts.push(
       new TypedWeights(engine, (weights) => (this.choose(weights), settled())),
       new LineupPanel(engine),
-      new Episode(engine, this.live),
-      new Charts(engine, stage, this.live),
+      new Episode(engine, live),
+      new Charts(engine, stage, live),
       new SavingPanel(engine),
     );
     for (const unit of ["second", "episode"]) $(`per-${unit}`).onclick = () => this.measureBy(unit);
@@ -113,11 +112,7 @@ export class Panel {
       this.map?.bound(choosing?.levels ?? {});
       this.map?.pin(bookmarks);
       this.map?.trace(past, asked !== null);
-      this.told = 0;
     }
-    if (!this.map || asking || performance.now() < this.told + TELLING) return;
-    this.told = performance.now();
-    this.map.tell(this.map.axes.map((axis) => this.live.reach(selected, axis)));
   }
 
   /** Return the indices of points that are still of interest; null: all. */
@@ -181,13 +176,24 @@ export class Panel {
     const offered = JSON.stringify(values.map(({ index, name }) => [index, name]));
     if (offered !== this.offered) {
       Object.assign(this, { offered, axes: front.pair });
-      this.lists = axisChoosers(values, (axes) => this.#enlarge(axes));
+      this.lists = ["Horizontal axis", "Vertical axis"].map((label, i) => this.#axisList(label, i, values));
       $("axes").replaceChildren(this.lists[0], html("span", { textContent: "and" }), this.lists[1]);
     }
     if (names.length < 3) return;
     this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
     $("matrix").replaceChildren(this.matrix.element);
     this.plots = [...this.triangle, this.matrix];
+  }
+
+  /** Return the list of values for an axis; the other axis never has the same. */
+  #axisList(ariaLabel, i, values) {
+    const list = html("select", { ariaLabel }, ...values.map(({ name, index }) => new Option(name, index)));
+    list.onchange = () => {
+      const axes = this.axes.with(i, Number(list.value));
+      if (axes[0] === axes[1]) axes[1 - i] = this.axes[i];
+      this.#enlarge(axes);
+    };
+    return list;
   }
 
   /** Show a value on an axis, so that the line of its requirement is seen. */
@@ -214,30 +220,10 @@ export class Panel {
 
 /** Return what the marks on the front mean. */
 function legend({ best, fails, checkpoint, returns }, moments) {
-  const entries = [["mixed", "on the front"]];
-  if (best.some((one, i) => !one && !fails[i])) entries.push(["gray", "dominated"]);
-  if (fails.includes(true)) entries.push(["cross", "falls in most episodes"]);
-  if (moments.length > 1) entries.push([returns[0].length === 2 ? "line" : "gray", "earlier"]);
-  entries.push(["ring", "yours"], ["", `from ${checkpoint}`]);
-  return entries.map(([look, textContent]) => html("span", { className: look && `key ${look}`, textContent }));
-}
-
-/** Return two lists, for the axes of the plot. */
-function axisChoosers(values, draw) {
-  const lists = ["Horizontal axis", "Vertical axis"].map((ariaLabel) => {
-    return html("select", { ariaLabel }, ...values.map(({ name, index }) => new Option(name, index)));
-  });
-  const chosen = () => lists.map((list) => Number(list.value));
-  let former = null;
-  for (const [i, list] of lists.entries()) {
-    list.addEventListener("focus", () => (former = chosen()));
-    list.addEventListener("change", () => {
-      const axes = chosen();
-      if (axes[0] === axes[1]) axes[1 - i] = former?.[i] ?? axes[i];
-      if (axes[0] === axes[1]) axes[1 - i] = values.find(({ index }) => index !== axes[i]).index;
-      former = axes;
-      draw(axes);
-    });
-  }
-  return lists;
+  const entries = ["● on the front"];
+  if (best.some((one, i) => !one && !fails[i])) entries.push("• dominated");
+  if (fails.includes(true)) entries.push("× falls in most episodes");
+  if (moments.length > 1) entries.push(returns[0].length === 2 ? "— earlier" : "• earlier");
+  entries.push("○ yours", `from ${checkpoint}`);
+  return entries.map((textContent) => html("span", { textContent }));
 }

@@ -1,6 +1,6 @@
 // The growth of the front: a scrubber over the evaluations of a run, and its hypervolume.
 
-import { $, isNews, lined, onDrag, short, svg, ticks } from "../pictures.js";
+import { $, grid, isNews, lined, onDrag, short, svg, ticks } from "../pictures.js";
 import { lowest } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [380, 100, 50, 12, 8, 18];
@@ -72,13 +72,10 @@ export class TrainingPanel {
     const y = (volume) => HEIGHT - BOTTOM - (volume / high) * (HEIGHT - TOP - BOTTOM);
     const places = moments.map(({ numbers: [, seconds, hypervolume] }) => [this.#across(seconds), y(hypervolume)]);
     const bottom = HEIGHT - BOTTOM;
-    const times = ticks(0, moments.at(-1).numbers[1] || 1).map((value) => [this.#across(value), value]);
-    const look = { class: "tick", "text-anchor": "middle" };
+    const times = ticks(0, moments.at(-1).numbers[1] || 1).map((value) => [this.#across(value), `${short(value)} s`]);
     const [cx, cy] = places[at];
     this.drawing.replaceChildren(
-      ...times.map(([x]) => svg("line", { x1: x, x2: x, y1: TOP, y2: bottom, class: "grid" })),
-      ...times.map(([x, value]) => svg("text", { ...look, x, y: HEIGHT - 4 }, `${short(value)} s`)),
-      ...[0, high].map((v) => svg("text", { class: "tick", x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, short(v))),
+      ...grid([LEFT, WIDTH - RIGHT, TOP, bottom], times, [0, high].map((volume) => [y(volume), short(volume)])),
       svg("path", { d: lined(places) }),
       svg("line", { x1: cx, x2: cx, y1: TOP, y2: bottom, class: "cursor" }),
       svg("circle", { cx, cy, r: 4 }),

@@ -1,13 +1,12 @@
 // The trade-offs of three objectives as a triangle: each corner is one objective alone.
 
 import { onDrag, svg } from "../pictures.js";
-import { mixed } from "../tradeoffs.js";
+import { colorOf } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT] = [320, 236];
-const CORNERS = [[160, 26], [50, 208], [270, 208]];
+const CORNERS = [[160, 22], [51, 211], [269, 211]]; // all sides equally long
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const STEP = 8; // of an arrow key
-const GRAIN = 12; // small triangles along each side, for the colors
 
 export class Triangle {
   /** @param pick called with the trade-off that a visitor clicks or drags to. */
@@ -25,8 +24,8 @@ export class Triangle {
         tabindex: 0,
         "aria-label": `Trade-off of ${names.join(", ")}: click to choose, or use the arrow keys`,
       },
-      ...colors(),
-      svg("polygon", { points: CORNERS.map(String).join(" "), class: "edge" }),
+      svg("g", { style: "isolation: isolate" }, ...CORNERS.flatMap(shade)),
+      svg("polygon", { points: CORNERS.join(" "), class: "edge" }),
       label(0, [top[0], top[1] - 10]),
       label(1, [left[0], left[1] + 20]),
       label(2, [right[0], right[1] + 20]),
@@ -70,21 +69,17 @@ function weightsAt([x, y]) {
   return [a, b, 1 - a - b];
 }
 
-/** Fill the triangle with the colors of its trade-offs. */
-function colors() {
-  const parts = [];
-  const cell = (...corners) => {
-    const weights = corners.map(([i, j]) => [1 - (i + j) / GRAIN, i / GRAIN, j / GRAIN]);
-    const middle = [0, 1, 2].map((k) => weights.reduce((sum, w) => sum + w[k] / 3, 0));
-    const fill = mixed(middle);
-    const points = weights.map((w) => String(at(w))).join(" ");
-    parts.push(svg("polygon", { points, fill, stroke: fill, "stroke-width": 0.6 }));
-  };
-  for (let i = 0; i < GRAIN; i++) {
-    for (let j = 0; i + j < GRAIN; j++) {
-      cell([i, j], [i + 1, j], [i, j + 1]);
-      if (i + j + 1 < GRAIN) cell([i + 1, j], [i, j + 1], [i + 1, j + 1]);
-    }
-  }
-  return parts;
+/** Fill the triangle with an objective's color, as strong as its weight; the colors of all add up. */
+function shade([x1, y1], corner) {
+  const others = CORNERS.toSpliced(corner, 1);
+  const [x2, y2] = [0, 1].map((axis) => (others[0][axis] + others[1][axis]) / 2);
+  const ends = [1, 0].map((opacity) => {
+    return svg("stop", { offset: 1 - opacity, "stop-color": colorOf(corner), "stop-opacity": opacity });
+  });
+  const id = `shade-${corner}`;
+  const style = "mix-blend-mode: plus-lighter";
+  return [
+    svg("linearGradient", { id, gradientUnits: "userSpaceOnUse", x1, y1, x2, y2 }, ...ends),
+    svg("polygon", { points: CORNERS.join(" "), fill: `url(#${id})`, style }),
+  ];
 }

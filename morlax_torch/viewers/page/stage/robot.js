@@ -6,10 +6,9 @@ import { colorOf, geometryOf, shownGeoms } from "./shapes.js";
 
 const AHEAD = 0.25; // s that the arrow of a velocity looks ahead
 const POINTS = 80; // of a trail
-const ALONG = new THREE.Vector3(0, 1, 0); // the direction of three.js's cylinders and cones
+const ALONG = new THREE.Vector3(0, 1, 0); // the direction of three.js's cones
 const GHOSTLY = 0.35; // opacity
 const [FAR, WRONG] = [0.15, new THREE.Color("#c2255c")]; // m from the ghost, and the color there: #errors
-const SHORTEST = 3; // times the width; shorter arrows are left out
 
 export class Robot {
   /** The size is in meters; `index` is that of its color, or null without a ring. */
@@ -142,40 +141,28 @@ function pairs(numbers) {
   return Array.from({ length: points.length / 2 }, (_, i) => [points[2 * i], points[2 * i + 1]]);
 }
 
-// Arrows in the scene, as many as are needed at the moment; the size is the robot's.
+// Arrows in the scene, as many as are needed at the moment: slender cones; the size is the robot's.
 class Arrows {
   constructor(parent, color, size) {
     this.group = new THREE.Group();
-    this.width = 0.008 * size;
+    this.width = 0.015 * size;
     this.material = new THREE.MeshBasicMaterial({ color });
-    this.shaft = new THREE.CylinderGeometry(this.width, this.width, 1, 12).translate(0, 0.5, 0);
-    this.head = new THREE.ConeGeometry(2.2 * this.width, 4 * this.width, 16);
+    this.cone = new THREE.ConeGeometry(this.width, 1, 16).translate(0, 0.5, 0);
     parent.add(this.group);
   }
 
   /** Show arrows, each from one point to another. */
   show(arrows) {
-    const long = arrows.filter(([a, b]) => a.distanceTo(b) > SHORTEST * this.width);
-    while (this.group.children.length < long.length) this.group.add(this.#arrow());
-    this.group.children.forEach((arrow, i) => {
-      arrow.visible = i < long.length;
-      if (arrow.visible) this.#place(arrow, ...long[i]);
+    const long = arrows.filter(([from, to]) => from.distanceTo(to) > this.width);
+    while (this.group.children.length < long.length) this.group.add(new THREE.Mesh(this.cone, this.material));
+    this.group.children.forEach((cone, i) => {
+      cone.visible = i < long.length;
+      if (!cone.visible) return;
+      const [from, to] = long[i];
+      const reach = to.clone().sub(from);
+      cone.position.copy(from);
+      cone.scale.y = reach.length();
+      cone.quaternion.setFromUnitVectors(ALONG, reach.normalize());
     });
-  }
-
-  #arrow() {
-    const arrow = new THREE.Group();
-    arrow.add(new THREE.Mesh(this.shaft, this.material), new THREE.Mesh(this.head, this.material));
-    return arrow;
-  }
-
-  #place(arrow, from, to) {
-    const reach = to.clone().sub(from);
-    const length = reach.length();
-    const [shaft, head] = arrow.children;
-    arrow.position.copy(from);
-    arrow.quaternion.setFromUnitVectors(ALONG, reach.divideScalar(length));
-    shaft.scale.set(1, length - 2 * this.width, 1);
-    head.position.set(0, length - 2 * this.width, 0);
   }
 }
