@@ -53,7 +53,7 @@ class Thresholds:
         self.names = *front.objectives, *front.quantity_names
         self.searching = False
         self.current: object = None  # the search that goes on; another one ends without a result
-        self._rounds, self._began = 0, 0.0  # of its simulations, and when the current one began
+        self._rounds = 0  # of its simulations
         self.progress: dict[str, float] = {}  # of the search
         self.levels: dict[int, float] = {}  # required values by index
         self.maximized = 0  # index of a value
@@ -114,11 +114,10 @@ class Thresholds:
         """Note what a search does; end one that nobody waits for. Called in its thread."""
         if search is not self.current:
             raise MorlaxError("the search was canceled.")
-        now, share = time.monotonic(), share or 0.0
+        share = share or 0.0
         if share < self.progress.get("share", 1.0):  # another round of simulations
-            self._rounds, self._began = self._rounds + 1, now
-        left = (now - self._began) * (1 / max(share, 0.01) - 1)
-        self.progress = {"round": self._rounds, "share": share, "left": left}
+            self._rounds += 1
+        self.progress = {"round": self._rounds, "share": share}
 
     def _end(self, search: object, done: Future[Choice]) -> None:
         """Steer to the choice, or store the error; search again if the thresholds have changed."""

@@ -152,13 +152,13 @@ function present(engine) {
   $("loading").hidden = true;
 }
 
-/** Have the service worker keep all files that this visit needed, for visits without a network. */
+/** Keep all files that this visit needed, for visits without a network; sw.js keeps those of later visits. */
 async function keepFiles() {
+  if (navigator.serviceWorker.controller) return;
   await navigator.serviceWorker.register("sw.js");
-  const { active } = await navigator.serviceWorker.ready;
   const used = performance.getEntriesByType("resource").map(({ name }) => name);
   const ours = used.filter((address) => address.startsWith(location.origin));
-  active.postMessage([...new Set([location.pathname, ...ours])]);
+  await (await caches.open("morlax")).addAll(new Set([location.pathname, ...ours]));
 }
 
 /** Put robot and trade-off into the address, so that it can be shared. */

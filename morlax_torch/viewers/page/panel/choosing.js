@@ -54,7 +54,7 @@ export class ChoosingPanel {
     $("free").hidden = !Object.keys(levels).length;
     $("search").hidden = !searching;
     $("search-share").value = progress?.share ?? 0;
-    $("search-left").textContent = told(progress);
+    $("search-round").textContent = progress?.round ? `simulating policies, round ${progress.round}` : "preparing…";
     $("found").textContent = searching ? "" : this.#result(choosing);
     $("found").dataset.state = reason || found?.falls ? "missed" : found ? "found" : "";
   }
@@ -97,13 +97,6 @@ export class ChoosingPanel {
     };
     return row;
   }
-}
-
-/** Say what a search does, and for how long. */
-function told({ round, share, left } = {}) {
-  if (!round) return "preparing…";
-  const time = share > 0.05 ? `, about ${Math.max(1, Math.round(left))} s left` : "";
-  return `simulating policies, round ${round}: ${percent(share)}${time}`;
 }
 
 const isFree = ({ lower, rest }, value) => (lower ? value >= rest : value <= rest);

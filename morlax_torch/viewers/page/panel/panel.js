@@ -158,7 +158,7 @@ export class Panel {
         stage.shown[box.checked ? "add" : "delete"](kind);
         explain();
       });
-      return html("label", { className: "check" }, box, KINDS[kind]);
+      return html("label", { className: "check row" }, box, KINDS[kind]);
     });
     $("show").replaceChildren(...boxes);
     explain();
@@ -182,7 +182,6 @@ export class Panel {
     if (names.length < 3) return;
     this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
     $("matrix").replaceChildren(this.matrix.element);
-    this.plots = [...this.triangle, this.matrix];
   }
 
   /** Return the list of values for an axis; the other axis never has the same. */

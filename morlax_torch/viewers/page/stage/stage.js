@@ -18,8 +18,14 @@ const HEAD = 0.08; // from a robot's head to its name, in sizes of the robot
 const BUTTONS = 50; // pixels that the buttons cover at the bottom
 const KEPT = 10; // s of poses to look back at
 const CALM = 250; // ms that the camera takes to follow most of a change of height
-const FINE = { share: 1, shadow: 2048 }; // of the screen's pixels in each direction, and pixels of the shadow
-const COARSE = { share: 0.5, shadow: 512 };
+const LEVELS = [
+  { share: 1, shadow: 2048 }, // of the screen's pixels in each direction, and pixels of the shadow
+  { share: 0.7, shadow: 1024 },
+  { share: 0.5, shadow: 512 },
+];
+const SLOW = 60; // ms of a frame
+const LASTING = 3000; // ms of slow frames in a row until the level falls
+const LONGEST = 500; // ms that count of one frame, because a hidden page draws none
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // WebGL without a graphics card
 
 export class Stage {
@@ -32,7 +38,8 @@ export class Stage {
     if (!context) {
       throw new Problem("This browser cannot draw in 3D: switch on WebGL 2 (hardware acceleration).");
     }
-    this.quality = accelerated ? FINE : COARSE;
+    this.level = accelerated ? 0 : LEVELS.length - 1; // of quality
+    this.slow = 0; // ms of slow frames in a row
     this.renderer = new THREE.WebGLRenderer({ canvas, context });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
@@ -66,7 +73,7 @@ export class Stage {
     const gap = GAP * this.size;
     this.lanes = robots.map((_, i) => gap * (i - (robots.length - 1) / 2));
     this.floor = floorHeight(model);
-    this.surroundings = new Surroundings(this.scene, this.size, this.floor, this.lanes, gap, this.quality.shadow);
+    this.surroundings = new Surroundings(this.scene, this.size, this.floor, this.lanes, gap);
     this.surroundings.dress(this.theme);
     for (const [i, { group, ring }] of this.robots.entries()) {
       this.scene.add(group);
@@ -139,8 +146,10 @@ export class Stage {
   draw(share) {
     const now = performance.now();
     const haste = 1 - Math.exp((this.drawn - now) / CALM); // of a change of height to follow now
+    this.#judge(now - this.drawn);
     this.drawn = now;
     this.#fit();
+    this.surroundings.shadow = LEVELS[this.level].shadow;
     const ways = this.robots.map((robot, i) => {
       const [former, latest] = this.#drawn(i);
       robot.pose(former, latest, share, this.shown);
@@ -156,6 +165,14 @@ export class Stage {
     this.renderer.render(this.scene, this.camera);
     this.#placeLabels();
     if (this.capture.records) this.capture.copy(); // a browser forgets the drawing soon
+  }
+
+  /** Draw more coarsely where frames last long (ms), so that the robot moves in real time. */
+  #judge(duration) {
+    this.slow = duration > SLOW ? this.slow + Math.min(duration, LONGEST) : 0;
+    if (this.slow < LASTING || this.level === LEVELS.length - 1) return;
+    this.level += 1;
+    this.slow = 0;
   }
 
   /** Return the poses of a robot to draw between. */
@@ -215,7 +232,7 @@ export class Stage {
   /** Keep the drawing as large as its place on the page. */
   #fit() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
-    const ratio = Math.min(window.devicePixelRatio, 2) * this.quality.share;
+    const ratio = Math.min(window.devicePixelRatio, 2) * LEVELS[this.level].share;
     if (width === this.width && height === this.tall && ratio === this.ratio) return;
     Object.assign(this, { width, tall: height, ratio });
     this.renderer.setPixelRatio(ratio);

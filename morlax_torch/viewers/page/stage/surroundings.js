@@ -10,17 +10,13 @@ const TILES = 200; // along each side of an endless floor
 const SUN = new THREE.Vector3(-0.45, -0.6, 1.15); // from here it shines
 
 export class Surroundings {
-  /**
-   * Scale tiles, shadow and fog to the robot's size in m; several lanes, `gap` apart, have a floor each.
-   * The shadow has so many `pixels` in each direction.
-   */
-  constructor(scene, size, floorHeight, lanes, gap, pixels) {
+  /** Scale tiles, shadow and fog to the robot's size in m; several lanes, `gap` apart, have a floor each. */
+  constructor(scene, size, floorHeight, lanes, gap) {
     this.scene = scene;
     this.scene.backgroundRotation.x = Math.PI / 2; // three.js's sky is above y, MuJoCo's above z
     this.size = size;
     this.tile = size > 1 ? 1 : 0.25;
     this.sun = sunlight(size, lanes.at(-1));
-    this.sun.shadow.mapSize.set(pixels, pixels);
     this.fill = new THREE.HemisphereLight();
     const endless = TILES * this.tile;
     const width = lanes.length > 1 ? 0.95 * gap : endless;
@@ -55,6 +51,15 @@ export class Surroundings {
       material.map.repeat.set(this.width / (2 * this.tile), this.tall / (2 * this.tile));
       material.needsUpdate = true;
     }
+  }
+
+  /** Cast a shadow of so many pixels in each direction. */
+  set shadow(pixels) {
+    const { shadow } = this.sun;
+    if (shadow.mapSize.x === pixels) return;
+    shadow.mapSize.set(pixels, pixels);
+    shadow.map?.dispose();
+    shadow.map = null; // three.js makes another
   }
 
   /** Show the ground at the robots' places in their worlds; the camera looks at `center`. */
