@@ -144,7 +144,8 @@ class GymnasiumWorlds(ForeignWorlds):
     def _advance(self, action: Tensor) -> Outcome:
         low, high = self.box.low / 2, self.box.high / 2  # halved, the sum cannot overflow
         boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self.box.shape)
-        controls = (high + low + (high - low) * boxes).astype(self.box.dtype)
+        controls = high + low + (high - low) * boxes  # which rounding may take out of the box
+        controls = controls.clip(self.box.low, self.box.high).astype(self.box.dtype)
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
         failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
         running = ~self._over.any(0) & action.isfinite().all(1)

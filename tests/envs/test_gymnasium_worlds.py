@@ -84,6 +84,19 @@ def test_observations_are_flattened_and_actions_rescaled():
     np.testing.assert_allclose(moved, [0.0, 0.25, 0.5], atol=1e-6)  # actions are clipped to the box
 
 
+def test_the_largest_actions_are_in_an_uneven_box():
+    class Strict(Point):
+        action_space = Box(-0.6, 1.7, (1,))
+
+        def step(self, action):
+            assert self.action_space.contains(action)
+            return super().step(action)
+
+    envs.register("strict", envs.from_gymnasium(Strict))
+    worlds = envs.make("strict", 2, "cpu")
+    worlds.step(torch.tensor([[-1.0], [1.0]]))
+
+
 def test_auto_reset_starts_the_next_episode_in_the_same_step():
     worlds = point(auto_reset=True)
     worlds.reset()
