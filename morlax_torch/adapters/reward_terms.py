@@ -14,6 +14,7 @@ from ..envs.errors import MorlaxError, unknown, user_code
 Weights = Mapping[str, float]  # factors by a term's name, or by a pattern such as track_*
 WATCHED = 1e-6  # weight of a term that the host does not pay, so that it computes the term
 TOLERANCE = 1e-3  # of the sum of terms, relative to the reward
+APART = "termination"  # a term that legged_gym keeps out of its list of functions
 
 
 class Terms(Protocol):
@@ -66,6 +67,9 @@ class FunctionTerms:
         self._paid: dict[str, Tensor] = {}
         for key, name in zip(keys, names, strict=True):
             functions[key] = partial(self._call, name, functions[key])
+        if self._scales.get(APART) and APART not in names:
+            env._reward_termination = partial(self._call, APART, env._reward_termination)
+            self.weights[APART] = float(self._scales[APART])
 
     def _call(self, name: str, function: Callable[[], Tensor]) -> Tensor:
         value = function()

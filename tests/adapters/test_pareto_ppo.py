@@ -280,6 +280,18 @@ def test_reward_functions_of_other_hosts_are_terms(listed):
     assert torch.allclose(guide[:, 0], reward)  # the whole reward leads every trade-off
 
 
+def test_the_termination_reward_of_legged_gym_is_a_term():
+    env = SimpleNamespace(reward_scales={"height": 0.02, "energy": -0.1, "termination": -5.0})
+    env.reward_names, env.reward_functions = ["height", "energy"], 2 * [lambda: torch.ones(2)]
+    env._reward_termination = lambda: torch.tensor([0.0, 1.0])
+    rewards = ObjectiveRewards(terms_of(env))
+    for function in (*env.reward_functions, env._reward_termination):
+        function()
+    parts, guide = rewards(torch.tensor([-0.08, -5.08]))
+    assert torch.allclose(parts[:, 1], torch.tensor([-0.1, -5.1]))
+    assert torch.allclose(guide[:, 0], torch.tensor([-0.08, -5.08]))
+
+
 def test_a_term_that_the_host_does_not_pay_has_a_weight_of_one():
     env = Points(2)
     rewards = ObjectiveRewards(terms_of(env), OBJECTIVES, {"*": 1.0, "effort": 0.0})
