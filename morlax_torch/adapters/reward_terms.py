@@ -14,6 +14,7 @@ from ..envs.errors import MorlaxError, unknown, user_code
 Weights = Mapping[str, float]  # factors by a term's name, or by a pattern such as track_*
 WATCHED = 1e-6  # weight of a term that the host does not pay, so that it computes the term
 TOLERANCE = 1e-3  # of the sum of terms, relative to the reward
+CHECKED = 100  # first steps with a check; a host that clips rewards may clip none in the first one
 APART = "termination"  # a term that legged_gym keeps out of its list of functions
 
 
@@ -161,7 +162,8 @@ class ObjectiveRewards:
             [[row.get(name, 0.0) * factors.get(name, 1.0) for row in rows] for name in weights],
             dtype=torch.float32,
         )  # (t, m + 1)
-        self._checked = isinstance(terms, CalledTerms)  # whose terms need not be the reward's
+        # terms that a function reads need not be the reward's
+        self._unchecked = 0 if isinstance(terms, CalledTerms) else CHECKED
 
     def _expanded(self, group: Weights) -> dict[str, float]:
         """Return factors by names of terms; patterns stand for terms that the host pays."""
@@ -179,11 +181,11 @@ class ObjectiveRewards:
         """Return the last step's rewards per objective (N, m), and the guide (N, 1).
 
         Raises:
-            MorlaxError: the terms do not add up to the host's `reward` (N,).
+            MorlaxError: the terms do not add up to the host's `reward` (N,), in the first steps.
         """
         terms = self._terms.read().to(reward.device)
-        if not self._checked:
-            self._checked = True
+        if self._unchecked:
+            self._unchecked -= 1
             difference = float((terms.sum(-1) - reward).abs().max())
             if not difference <= TOLERANCE * (1 + float(reward.abs().max())):
                 raise MorlaxError(

@@ -349,6 +349,7 @@ def test_other_models_and_rewards_are_one_sentence():
         terms_of(SimpleNamespace())
     env = Points()
     rewards = ObjectiveRewards(terms_of(env), OBJECTIVES)
+    rewards(env.step(torch.zeros(96, 2))[1].clamp(min=0))  # there is nothing to clip
     _, reward, _, _ = env.step(torch.ones(96, 2))
     with pytest.raises(MorlaxError, match="add up to another reward"):
         rewards(reward.clamp(min=0))
