@@ -23,6 +23,7 @@ from .reward_terms import ObjectiveRewards
 from .rsl_rl_family import EPISODES, FamilyModel, FamilyStorage, plain_state
 
 FAMILY = "family"  # key of the family in a checkpoint
+NORMALIZER = "obs_normalizer."  # before names of what is not trained
 ACTION_SCALE = 10.0  # largest action of a policy in our own worlds, if the host does not clip
 ACTIVATIONS = nn.ELU.__module__
 
@@ -56,12 +57,14 @@ def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) 
             parts = (bias + weight @ features(point)).split([x.numel() for x in shapes.values()])
         named = zip(shapes.items(), parts, strict=True)
         parameters = {key: part.view(shape) for (key, shape), part in named}
-        others = {key: x for key, x in state.items() if key.startswith("obs_normalizer.")}
+        kept = NORMALIZER, "distribution."  # the latter if standard deviations are fixed
+        others = {key: x for key, x in state.items() if key.startswith(kept)}
         critic = point if name == "critic" else None
         plain = plain_state(parameters, family["std_name"], critic)
         loaded[f"{name}_state_dict"] = others | plain
     groups = family["optimizer"]["param_groups"]
-    number = sum(len(family["shapes"][name]) for name in family["shapes"])
+    states = [loaded[f"{name}_state_dict"] for name in family["shapes"]]
+    number = sum(not key.startswith(NORMALIZER) for state in states for key in state)
     loaded["optimizer_state_dict"] = {
         "state": {},
         "param_groups": [{**groups[0], "params": [*range(number)]}],

@@ -151,6 +151,18 @@ def test_a_specialized_checkpoint_is_that_of_unmodified_ppo(trained, tmp_path):
     assert (tmp_path / f"model_{plain.current_learning_iteration}.pt").is_file()
 
 
+def test_a_specialized_checkpoint_keeps_fixed_standard_deviations(tmp_path):
+    cfg = {kind: settings(kind) for kind in (PARETO, "PPO")}
+    for each in cfg.values():
+        each["actor"]["distribution_cfg"] |= {"learn_std": False, "init_std": 0.3}
+    learn(OnPolicyRunner(Points(), cfg[PARETO], str(tmp_path), "cpu"), 1)
+    specialize(tmp_path / "model_0.pt", (1, 1), tmp_path / "model_7.pt")
+    plain = OnPolicyRunner(Points(), cfg["PPO"], None, "cpu")
+    plain.load(str(tmp_path / "model_7.pt"))
+    learn(plain, 1)
+    assert plain.alg.actor.output_std.unique().tolist() == pytest.approx([0.3])
+
+
 def test_a_warmup_learns_the_focus_alone():
     torch.manual_seed(2)
     runner, obs = make(focus=(3.0, 1.0), warmup=3), anywhere()
