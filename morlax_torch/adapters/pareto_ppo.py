@@ -260,6 +260,7 @@ class ParetoPPO(PPO):
                 self._rollouts = family["rollouts"]
                 if self.front and family["front"]:
                     self.front.load_state_dict(family["front"])
+                    self.front.begun.zero_()  # new worlds are in other episodes, at any step
             return super().load(states, load_cfg, strict)
         except RuntimeError as error:
             raise MorlaxError(

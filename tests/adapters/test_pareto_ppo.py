@@ -217,7 +217,9 @@ def test_training_resumes_and_starts_from_a_plain_checkpoint(trained, tmp_path):
     for index, row in expected.items():  # one learning rate per parameter, nearly
         ratio = (squares[index]["exp_avg_sq"] + 1e-16).sqrt() / (row["exp_avg_sq"] + 1e-16).sqrt()
         assert 0.7 < ratio.median() < 1.4 and (ratio.log().abs() < 1).float().mean() > 0.8
-    learn(again, 1)
+    before = again.alg.front.returns()
+    learn(again, 3, init_at_random_ep_len=True)
+    assert torch.allclose(again.alg.front.returns(), before, atol=0.4)  # of whole episodes only
 
     plain = learn(make(kind="PPO", folder=str(tmp_path)), 2)
     family = make()
