@@ -62,9 +62,9 @@ def register(task: str, objectives: dict[str, Group], guide: Group) -> None:
 
 
 for name in registry.list_tasks():
-    _, kind, *words = name.split("-")
+    origin, kind, *words = (*name.split("-"), "")  # other packages name theirs as they like
     robot = next((word for word in words if word in EFFORT), None)
-    if kind in OTHERS and robot:
+    if origin == "Mjlab" and kind in OTHERS and robot:
         terms = OTHERS[kind]
         objectives = {title: dict.fromkeys(terms[title], TRADED) for title in terms}
         objectives["smoothness"]["is_alive"] = GUIDED

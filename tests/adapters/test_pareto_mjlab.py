@@ -1,6 +1,7 @@
 """mjlab's own train and play commands, with a front; its checkpoint as a run of morlax."""
 
 import sys
+from importlib import import_module, reload
 from pathlib import Path
 from typing import Any
 
@@ -113,3 +114,10 @@ def test_one_flag_and_a_file_train_a_front_in_a_task_of_mjlab(monkeypatch, tmp_p
     folder = run_train(monkeypatch, f"Mjlab-{TASK}", tmp_path / "logs", **flag)
     family = torch.load(folder / "model_1.pt", weights_only=True)["family"]
     assert family["objectives"] == ["rewards", "costs"]
+
+
+@pytest.mark.parametrize("name", ["Cartpole", "Acme-Velocity-Flat-Unitree-Go1"])
+def test_tasks_of_other_packages_may_have_any_name(name, monkeypatch):
+    twins = import_module("morlax_torch.adapters.mjlab_tasks")
+    monkeypatch.setattr(twins.registry, "list_tasks", lambda: [name])
+    reload(twins)  # as mjlab imports it after such a package
