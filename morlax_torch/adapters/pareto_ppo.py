@@ -280,6 +280,8 @@ def _check_supported(cfg: dict[str, Any]) -> None:
             )
     if algorithm.get("rnd_cfg"):
         raise MorlaxError("ParetoPPO has no curiosity rewards: remove rnd_cfg.")
+    if algorithm.get("optimizer", "adam").lower() == "rmsprop":
+        raise MorlaxError("ParetoPPO cannot save RMSprop's state: set optimizer to adam.")
     if cfg.get("torch_compile_mode"):
         raise MorlaxError("ParetoPPO does not compile its models: remove torch_compile_mode.")
     algorithm.pop("share_cnn_encoders", None)

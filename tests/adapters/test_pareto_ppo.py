@@ -337,6 +337,7 @@ def test_a_function_reads_the_terms_of_any_other_host():
         ({"objectives": {"a": {"trak_x": 1.0}, "b": {"effort": 1.0}}}, "did you mean 'track_x'"),
         ({"objectives": {"a": {"effort": 1.0}}}, "at least two objectives"),
         ({"rnd_cfg": {"weight": 1.0}}, "remove rnd_cfg"),
+        ({"optimizer": "rmsprop"}, "set optimizer to adam"),
         ({"tradeofs": 8}, "tradeofs"),
         ({"focus": (1.0, 0.0, 0.0)}, "focus needs 2 numbers \\(tracking, saving\\), not 3"),
         ({"reference_point": (-9.0,)}, "reference_point needs 2 numbers .*, not 1"),
