@@ -138,7 +138,10 @@ class Front(NamedTuple):
             raise MorlaxError(f"{path} is damaged or not a front: {reason}.") from None
 
     def _check(self) -> None:
-        """Raise ValueError if sizes disagree, or a number is not finite or out of range."""
+        """Raise ValueError if sizes disagree, or a number is not finite or out of range.
+
+        Quantities need not be finite: a robot that stands may have no cost of transport.
+        """
         check_objectives(self.objectives)
         K, m = len(self.tradeoffs), len(self.objectives)
         shapes = {"tradeoffs": (K, m), "returns": (K, m), "reference_point": (m,)}
@@ -146,7 +149,7 @@ class Front(NamedTuple):
         for name, values in self._arrays().items():
             shape = shapes.get(name, (K,))
             numbers = values.shape == shape and values.dtype.kind in "fiu"
-            if not numbers or not np.isfinite(values).all():
+            if not numbers or not (name == "quantities" or np.isfinite(values).all()):
                 raise ValueError(f"{name} must hold finite numbers of shape {shape}")
             if name not in SIGNED and (values < 0).any():
                 raise ValueError(f"{name} must not be negative")

@@ -365,6 +365,9 @@ def test_a_front_can_be_saved_and_loaded(front, tmp_path):
         assert "blowups" not in arrays
     front._replace(blowups=np.array([0.0, 0.5, 1.0])).save(path)
     assert Front.load(path).blowups.tolist() == [0, 0.5, 1]
+    cost = np.array([[1.0], [np.nan], [np.inf]])
+    front._replace(quantities=cost, quantity_names=("cost",)).save(path)
+    np.testing.assert_array_equal(Front.load(path).quantities, cost)
     with pytest.raises(MorlaxError, match="cannot write"):
         front.save(tmp_path / "nowhere" / "front.npz")
 
