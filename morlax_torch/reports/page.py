@@ -243,7 +243,7 @@ def pictures(front: Front, title: str) -> list[tuple[str, str, Figure]]:
         lines, best = len(figures.shown_lines(front)), int(front.non_dominated.sum())
         caption = f"the front, one line per policy: {lines} of {best}."
         drawn.append(("parallel", caption, figures.parallel_figure(front, title)))
-    if front.quantities is not None:
+    if len(front.quantity_names) > 1:  # they are plotted against the first
         caption = "what each policy does, in physical units, colored by trade-off."
         drawn.append(("quantities", caption, figures.quantities_figure(front, title)))
     return drawn

@@ -14,6 +14,7 @@ from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.figures import MOST_PAIRS, quartile_band
 from morlax_torch.evaluation.front import Front, representatives
 from morlax_torch.evaluation.style import colors_of, limits, of_objectives
+from morlax_torch.reports.page import pictures
 from morlax_torch.runs.progress import History
 
 NAMES = ("run", "energy", "height", "jump")
@@ -205,6 +206,19 @@ def test_identical_policies_can_be_plotted(m):
     one = one._replace(returns=np.ones_like(one.returns))
     for draw in (figures.front_figure, figures.returns_figure, figures.parallel_figure):
         draw(one).draw_without_rendering()
+
+
+@pytest.mark.parametrize("number", (0, 1))
+def test_quantities_may_be_few(number):
+    values = np.linspace(0, 1, 60).reshape(30, 2)
+    names = ("power (W)", "speed (m/s)")
+    some = front(2)
+    if number:
+        some = some._replace(quantities=values[:, :number], quantity_names=names[:number])
+    drawn = {name: figure for name, _, figure in pictures(some, "")}
+    assert ("quantities" in drawn) == (number == 2)
+    for figure in drawn.values():
+        figure.draw_without_rendering()
 
 
 def test_figures_are_saved_as_png_and_pdf(tmp_path: Path):
