@@ -208,10 +208,10 @@ def test_identical_policies_can_be_plotted(m):
         draw(one).draw_without_rendering()
 
 
-@pytest.mark.parametrize("number", (0, 1))
-def test_quantities_may_be_few(number):
+@pytest.mark.parametrize("number", (0, 1, 2))
+def test_quantities_may_be_few_and_not_finite(number):
     values = np.linspace(0, 1, 60).reshape(30, 2)
-    names = ("power (W)", "speed (m/s)")
+    values[3], names = np.nan, ("power (W)", "speed (m/s)")
     some = front(2)
     if number:
         some = some._replace(quantities=values[:, :number], quantity_names=names[:number])
