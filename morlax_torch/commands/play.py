@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+from pydantic import NonNegativeInt
 from rich.table import Column, Table
 
 from ..envs.worlds.options import Section
@@ -52,7 +53,7 @@ class Play(Section):
     """Largest push, in m/s along each horizontal axis, every 1 to 3 s."""
     friction: Pair = (0.3, 1.2)
     """Range of the sliding friction, drawn once per episode."""
-    seed: int = 0
+    seed: NonNegativeInt = 0
     """Random seed of commands, trade-offs and disturbances."""
 
 

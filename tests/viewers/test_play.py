@@ -229,6 +229,7 @@ def test_without_a_display_a_film_is_written(cart, workplace, monkeypatch, capsy
 def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     folder = cart.policy.parent
     assert "there is no export nowhere" in refused(play, "nowhere")
+    assert "seed: Input should be greater than or equal to 0" in refused(play, folder, "--seed=-1")
     assert "--delay must not be negative" in refused(play, folder, "--delay", "20", "0")
     assert "over the time of a motion" in refused(play, folder, "--tradeoff", "x.yaml")
     assert "needs 2 numbers" in refused(play, folder, "--tradeoff", "1", "--episodes", "1")
