@@ -26,7 +26,8 @@ def evolution(
     seed: int,
 ) -> optuna.Study:
     """Return a study of NSGA-II, whose first generation has the first of the starts (k, d)."""
-    sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=seed)
+    limited = seed % 2**32  # as numpy's RandomState takes it
+    sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=limited)
     directions = [StudyDirection.MAXIMIZE] * objectives
     study = optuna.create_study(directions=directions, sampler=sampler)
     for start in starts[:population].tolist():

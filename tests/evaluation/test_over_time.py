@@ -14,7 +14,7 @@ from morlax_torch.commands import choose, record
 from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.runs.loading import evaluate
-from morlax_torch.tuning import schedules
+from morlax_torch.tuning import evolution, schedules
 from morlax_torch.viewers.filming.recording import Film
 from morlax_torch.viewers.player import Player
 
@@ -75,6 +75,12 @@ def test_weights_change_no_faster_than_the_slew(cheetah):
     (limited,) = searching._limited(np.stack([wanted, 1 - wanted], 1)[None])
     np.testing.assert_allclose(limited[:, 0], [1.0, 0.7, 0.4, 0.1, 0.4], atol=2e-5)
     np.testing.assert_allclose(limited.sum(1), 1, atol=1e-9)
+
+
+def test_a_search_takes_any_seed_that_worlds_take():
+    ranges = {"weight": evolution.FloatDistribution(0, 1)}
+    study = evolution.evolution(ranges, np.zeros((1, 1)), 1, 4, seed=2**63 - 1)
+    assert len(evolution.generation(study, ranges, 4)[1]) == 4
 
 
 def test_quantities_of_a_window_are_those_of_its_steps(tmp_path):
