@@ -241,13 +241,21 @@ class ParetoPPO(PPO):
         """Load a family, or start every trade-off from the policy of a plain checkpoint.
 
         Raises:
-            MorlaxError: the family has other objectives, features, layers or evaluation worlds.
+            MorlaxError: the family has other objectives, features, layers or evaluation worlds, or
+                the plain checkpoint other layers.
         """
         family = loaded_dict.get(FAMILY)
         if family is None:
-            self.actor.start_from(loaded_dict["actor_state_dict"])
-            if load_cfg is None or load_cfg.get("critic"):
-                self.critic.start_from(loaded_dict["critic_state_dict"])
+            try:
+                self.actor.start_from(loaded_dict["actor_state_dict"])
+                if load_cfg is None or load_cfg.get("critic"):
+                    self.critic.start_from(loaded_dict["critic_state_dict"])
+            except (RuntimeError, KeyError) as error:
+                raise MorlaxError(
+                    "the plain checkpoint has other layers, normalizers or observations, or is of "
+                    f"an rsl_rl before 5.0: train with the options that it has "
+                    f"({line(error)[:LONGEST]})."
+                ) from None
             self._rollouts = self._warmup
             return False
         states = {

@@ -348,9 +348,14 @@ def test_wrong_options_are_one_sentence(options, message):
         learn(make(**options), 1)
 
 
-def test_a_family_of_other_features_is_one_sentence(trained):
+def test_a_family_of_other_features_is_one_sentence(trained, tmp_path):
     with pytest.raises(MorlaxError, match="other objectives, features, layers"):
         make(features=5).load(str(trained[1] / "model_59.pt"))
+    learn(make(kind="PPO", folder=str(tmp_path)), 1)
+    cfg = settings()
+    cfg["critic"]["hidden_dims"] = [32]
+    with pytest.raises(MorlaxError, match="plain checkpoint has other layers"):
+        OnPolicyRunner(Points(), cfg, None, "cpu").load(str(tmp_path / "model_0.pt"))
     with pytest.raises(MorlaxError, match="no checkpoint that ParetoPPO has written"):
         specialize(Path(__file__), (1, 1), "never.pt")
 
