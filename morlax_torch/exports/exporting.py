@@ -150,6 +150,8 @@ def actuators(env: Robot) -> list[dict[str, Any]]:
     if targets is not None:
         rest = {"gear": None, "control_range": None}
         return [{"name": name, "joint": name, **rest} for name in targets]
+    if env.action_size != model.nu:  # as BRUCE's, where an actuator has no action of its own
+        return []
     rows = []
     for index in range(model.nu):
         actuator = model.actuator(index)

@@ -138,7 +138,8 @@ def test_the_manifest_s_mapping_from_action_to_control_is_correct(task, generato
 
 
 def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
-    assert control(envs.make("bruce", 1, "cpu")) is None  # actions pass a filter
+    bruce = envs.make("bruce", 1, "cpu")  # whose actions pass a filter, and move the reference
+    assert control(bruce) is None and actuators(bruce) == []
     env = envs.make("hopper", 1, "cpu")
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(action.pow(3)))
     assert control(env) is None
