@@ -19,6 +19,7 @@ from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
 from .foreign import ForeignWorlds, Outcome
 
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
+HALF = 2**30  # many environments take seeds below twice that only; evaluations have the upper half
 LARGEST = np.finfo(np.float32).max
 
 
@@ -167,7 +168,8 @@ class GymnasiumWorlds(ForeignWorlds):
 
     def reseed(self, seed: int) -> None:
         super().reseed(seed)
-        self._seeds: list[int | None] = [seed + episode for episode in self._episodes]
+        seeds = [seed + episode for episode in self._episodes]
+        self._seeds: list[int | None] = [x if x < HALF else HALF + x % HALF for x in seeds]
 
     def share_draws(self, episodes: Tensor, number: int) -> None:
         self._episodes = episodes.tolist()

@@ -16,6 +16,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import evaluate, train
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import task_values
+from morlax_torch.envs.devices import EVALUATION_SEEDS
 from morlax_torch.runs.progress import read_rows
 from morlax_torch.viewers.player import Player
 
@@ -82,6 +83,21 @@ def test_observations_are_flattened_and_actions_rescaled():
     step = worlds.step(torch.tensor([[-1.0], [0.0], [9.0]]))
     moved = step.terms["reward_0"] - start[:, 0]
     np.testing.assert_allclose(moved, [0.0, 0.25, 0.5], atol=1e-6)  # actions are clipped to the box
+
+
+def test_seeds_of_an_evaluation_suit_environments_of_32_bits():
+    seeds = []
+
+    class Narrow(Point):
+        def reset(self, *, seed=None, options=None):
+            if seed is not None:
+                seeds.append(np.int32(seed))
+            return super().reset(seed=seed)
+
+    envs.register("narrow", envs.from_gymnasium(Narrow))
+    for seed in (7, EVALUATION_SEEDS + 7):
+        envs.make("narrow", 2, "cpu", seed=seed).reset()
+    assert seeds[:2] == [7, 8] and len({*seeds}) == 4
 
 
 def test_the_largest_actions_are_in_an_uneven_box():
