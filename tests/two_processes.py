@@ -1,6 +1,5 @@
 """What each of the processes of a run has after training, for test_group.py."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -110,8 +109,7 @@ def refusal(group: Group) -> str:
     return ""
 
 
-if __name__ == "__main__":
-    folder, *algorithms = sys.argv[1:]
+def main(folder: str, *algorithms: str) -> None:
     torch.distributed.init_process_group("gloo")  # as a user's program may have done
     _, group = join("cpu", "settings")
     assert join("cpu", "settings")[1] is group

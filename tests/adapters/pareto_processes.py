@@ -1,7 +1,6 @@
-"""Two processes that train a family by ParetoPPO; run by test_pareto_ppo.py with torchrun."""
+"""Two processes that train a family by ParetoPPO; run by test_pareto_ppo.py."""
 
 import os
-import sys
 
 import torch
 from points import Points
@@ -31,7 +30,3 @@ def main(file: str) -> None:
     parameters = [*learner.actor.parameters(), *learner.critic.parameters()]
     flat = torch.cat([values.detach().flatten() for values in parameters])
     torch.save((flat, tradeoffs), f"{file}{rank}.pt")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1])

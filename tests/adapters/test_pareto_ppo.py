@@ -2,9 +2,6 @@
 
 import contextlib
 import io
-import os
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +17,7 @@ pytest.importorskip("rsl_rl", reason="rsl_rl is not installed")
 
 import points
 from points import OBJECTIVES, Points
+from programs import ended, start_both
 from rsl_rl.runners import OnPolicyRunner
 
 from morlax_torch.adapters.pareto_ppo import FamilyStorage
@@ -385,12 +383,9 @@ def test_a_file_holds_the_options_where_the_host_takes_none(monkeypatch, tmp_pat
 
 @pytest.mark.slow
 def test_two_processes_stay_equal_and_draw_different_tradeoffs(tmp_path):
-    script = Path(__file__).with_name("pareto_processes.py")
-    launch = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2"]
-    paths = map(str, (script.parents[2], script.parents[1]))
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OMP_NUM_THREADS": "1"}
-    words = [*launch, "--standalone", str(script), str(tmp_path / "of")]
-    subprocess.run(words, check=True, env=environment, capture_output=True)
+    code = "import sys, pareto_processes; pareto_processes.main(sys.argv[1])"
+    statuses, _, errors = ended(start_both(code, tmp_path, [str(tmp_path / "of")]))
+    assert statuses == [0, 0], errors
     (one, drawn), (other, others) = (torch.load(tmp_path / f"of{rank}.pt") for rank in (0, 1))
     assert torch.equal(one, other)
     assert not torch.equal(drawn, others)

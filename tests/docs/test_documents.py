@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from programs import run_fresh
+from programs import Program
 
 import morlax_torch
 from morlax_torch import config_for
@@ -117,7 +117,8 @@ def test_python_runs_in_a_fresh_process(code, run, workplace, request):
     needs_modules(code)
     exports = "export-" in request.node.callspec.id
     folder = request.getfixturevalue("exported") if exports else workplace
-    assert not run_fresh(A_RUN.sub(str(run), code), folder)
+    status, _, errors = Program(A_RUN.sub(str(run), code), folder).ended()
+    assert status == 0, errors
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from datetime import timedelta
 import pytest
 import torch
 import two_processes
-from programs import python
+from programs import ended, start_both
 from same import assert_same
 from torch.distributed import HashStore, PrefixStore, Store
 from torch.testing import assert_close
@@ -19,9 +19,9 @@ from morlax_torch.gpu.group import ALONE, meet
 @pytest.fixture(scope="module")
 def found(tmp_path_factory) -> list[dict]:
     folder = tmp_path_factory.mktemp("processes")
-    launch = "-m", "torch.distributed.run", "--nproc-per-node", "2", "--standalone"
-    done = python(*launch, two_processes.__file__, folder, *LEARNERS, timeout=300)
-    assert done.returncode == 0, done.stderr
+    code = "import sys, two_processes; two_processes.main(*sys.argv[1:])"
+    statuses, _, errors = ended(start_both(code, folder, (str(folder), *LEARNERS)), 300)
+    assert statuses == [0, 0], errors
     return [torch.load(folder / f"{rank}.pt") for rank in range(2)]
 
 

@@ -3,15 +3,15 @@
 import os
 import shutil
 import signal
-import socket
-import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 
 import pytest
 import torch
+from programs import Program, ended, free_port, start, start_both
 from same import assert_same, csv_rows
 
 from morlax_torch.commands import train
@@ -28,47 +28,24 @@ SMALL = (
 )
 
 
-def start(rank: int, port: int, *arguments: str, patience: int = 100) -> subprocess.Popen:
-    """Start one of two processes as `torchrun` does; they wait `patience` s for each other."""
-    places = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
-    patient = (
-        "from datetime import timedelta; from morlax_torch.gpu import group; "
-        f"group.PATIENCE = timedelta(seconds={patience}); "
-        "from morlax_torch.commands.train import main; main()"
-    )
-    return subprocess.Popen(
-        [sys.executable, "-c", patient, *arguments],
-        env={**os.environ, **places, "RANK": str(rank), "LOCAL_RANK": str(rank)},
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-
-
-def start_both(*arguments: str) -> list[subprocess.Popen]:
-    port = free_port()
-    return [start(rank, port, *arguments) for rank in range(2)]
-
-
-def ended(processes: Sequence[subprocess.Popen]) -> tuple[str, str]:
-    """Wait for processes; return all that they wrote to stdout, and to stderr."""
-    first, second = zip(*(process.communicate(timeout=100) for process in processes), strict=True)
-    return "".join(first), "".join(second)
-
-
-def free_port() -> int:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
+CODE = """
+from datetime import timedelta
+from morlax_torch.gpu import group
+group.PATIENCE = timedelta(seconds=PATIENCE)
+from morlax_torch.commands.train import main
+main()
+"""
+PATIENT, IMPATIENT = (CODE.replace("PATIENCE)", f"{seconds})") for seconds in (100, 1))
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Path:
     """Return a run of two processes."""
-    run = tmp_path_factory.mktemp("runs") / "whole"
-    both = start_both(*SMALL, "--max-env-steps", str(STEPS), "--output", str(run))
-    output, errors = ended(both)
-    assert [process.returncode for process in both] == [0, 0], errors
+    folder = tmp_path_factory.mktemp("runs")
+    run = folder / "whole"
+    words = *SMALL, "--max-env-steps", str(STEPS), "--output", str(run)
+    statuses, output, errors = ended(start_both(PATIENT, folder, words))
+    assert statuses == [0, 0], errors
     assert output.count("hypervolume  front") == 1  # only one process prints
     return run
 
@@ -122,7 +99,7 @@ def test_a_run_goes_on_exactly_after_a_process_was_killed(whole, tmp_path):
     run, limit = tmp_path / "run", ("--max-env-steps", str(STEPS))
     command = [*TORCHRUN, *RESTARTING, "-m", "morlax_torch.train", *SMALL, *limit]
     command += ["--output", str(run)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as launcher:
+    with Popen(command, stderr=PIPE, text=True) as launcher:
         wait_for_lines(run, 3, [launcher])
         os.kill(ranks(launcher.pid)[1], signal.SIGKILL)
         _, errors = launcher.communicate(timeout=100)
@@ -160,9 +137,7 @@ def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, k
         *("--env", "hopper", "--device", device, *SMALL[4:], "--output", str(run)),
     ]
     launchers = [
-        subprocess.Popen(
-            command, env={**os.environ, "CUDA_VISIBLE_DEVICES": gpu}, stderr=subprocess.DEVNULL
-        )
+        Popen(command, env={**os.environ, "CUDA_VISIBLE_DEVICES": gpu}, stderr=DEVNULL)
         for gpu in "01"
     ]
     try:
@@ -180,20 +155,26 @@ def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, k
             one.wait()
 
 
-def wait_for_lines(run: Path, number: int, launchers: Sequence[subprocess.Popen]) -> None:
-    metrics, end = run / "metrics.csv", time.monotonic() + 100
-    while not metrics.exists() or len(metrics.read_text().splitlines()) < number:
+def wait_for_lines(run: Path, number: int, running: Sequence[Popen | Program]) -> None:
+    metrics = run / "metrics.csv"
+    until(lambda: metrics.exists() and len(metrics.read_text().splitlines()) >= number, running)
+
+
+def until(happened: Callable[[], bool], running: Sequence[Popen | Program]) -> None:
+    """Wait until `happened` returns true, while processes run."""
+    end = time.monotonic() + 100
+    while not happened():
         assert time.monotonic() < end
-        assert all(one.poll() is None for one in launchers)
+        assert all(one.poll() is None for one in running)
         time.sleep(0.05)
 
 
 @pytest.mark.slow
 def test_a_signal_to_one_process_ends_all(tmp_path):
-    both = start_both(*SMALL, "--output", str(tmp_path / "run"))
+    both = start_both(PATIENT, tmp_path, (*SMALL, "--output", str(tmp_path / "run")))
     wait_for_lines(tmp_path / "run", 3, both)
-    both[1].send_signal(signal.SIGTERM)
-    output, _ = ended(both)
+    both[1].terminate()
+    _, output, _ = ended(both)
     assert output.count("interrupted: ") == 1
     assert state(tmp_path / "run").progress.env_steps > 1600
 
@@ -202,9 +183,8 @@ def test_a_signal_to_one_process_ends_all(tmp_path):
 def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
     (tmp_path / "broken.py").write_text(BROKEN)
     task = ("--env", f"{tmp_path / 'broken.py'}:Broken", "--output", str(tmp_path / "run"))
-    both = start_both(*task, *SMALL[2:])
-    _, errors = ended(both)
-    assert all(process.returncode for process in both)
+    statuses, _, errors = ended(start_both(PATIENT, tmp_path, (*task, *SMALL[2:])))
+    assert all(statuses)
     assert "error: " in errors and "Traceback" not in errors
     assert "every world blew up" in errors or "not finite" in errors
     assert all(value.isfinite().all() for value in state(tmp_path / "run").agent.values())
@@ -213,10 +193,11 @@ def test_numbers_that_one_process_cannot_learn_from_end_all(tmp_path):
 WAITING = """
 from datetime import timedelta
 from torch.distributed import TCPStore
-from morlax_torch.commands.terminal.process import exit_when_stuck, exiting_on_signals
+from morlax_torch.commands.terminal import process
 
-with exiting_on_signals():
-    exit_when_stuck()
+process.STUCK = 0.5
+with process.exiting_on_signals():
+    process.exit_when_stuck()
     store = TCPStore("127.0.0.1", 0, is_master=True, timeout=timedelta(seconds=90))
     print("waiting", flush=True)
     store.get("what nobody sets")  # Python handles no signal meanwhile
@@ -224,26 +205,26 @@ with exiting_on_signals():
 
 
 @pytest.mark.slow
-def test_a_process_that_waits_for_one_that_has_ended_heeds_a_signal():
-    command = [sys.executable, "-c", WAITING]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None and process.stdout.readline() == "waiting\n"
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=80) == 143
+def test_a_process_that_waits_for_one_that_has_ended_heeds_a_signal(tmp_path):
+    program, output = Program(WAITING, tmp_path), tmp_path / "stdout"
+    until(lambda: output.exists() and output.read_text() == "waiting\n", [program])
+    program.terminate()
+    assert program.ended(80)[0] == 143
 
 
 @pytest.mark.slow
-def test_a_missing_process_is_told():
-    first = start(0, free_port(), *SMALL, patience=3)
-    _, message = ended([first])
-    assert first.returncode == 2
+def test_a_missing_process_is_told(tmp_path):
+    status, _, message = start(IMPATIENT, tmp_path, 0, free_port(), SMALL).ended(100)
+    assert status == 2
     assert "the 2 processes of this run did not find each other" in message
 
 
 @pytest.mark.slow
-def test_processes_with_different_configs_do_not_train():
+def test_processes_with_different_configs_do_not_train(tmp_path):
     port = free_port()
-    for process in [start(rank, port, *SMALL, "--seed", str(rank)) for rank in range(2)]:
-        _, message = ended([process])
-        assert process.returncode == 2
+    seeds = [(*SMALL, "--seed", str(seed)) for seed in range(2)]
+    both = [start(PATIENT, tmp_path, rank, port, words) for rank, words in enumerate(seeds)]
+    for process in both:
+        status, _, message = process.ended(100)
+        assert status == 2
         assert "process 1 has another config than process 0" in message

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from programs import python
+from programs import Program, python
 
 import morlax_torch
 from morlax_torch import __main__ as commands
@@ -56,14 +56,14 @@ IMPORTS = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("orders", [IMPORTS, IMPORTS[::-1]], ids=["package first", "module first"])
-def test_public_functions_can_be_imported_and_called_in_any_order(orders):
+def test_public_functions_can_be_imported_and_called_in_any_order(orders, tmp_path):
     lines = ["import gc, sys", "before = gc.get_threshold(), sys.excepthook", "import morlax_torch"]
     lines += ["assert (gc.get_threshold(), sys.excepthook) == before"]
     lines += [*orders, "assert train is morlax_torch.train.train"]
     lines += ["assert callable(evaluate) and choose is morlax_torch.choose"]
     lines += ["try: train(nothing=0)", "except TypeError as e: print(e)"]
-    done = python("-c", "\n".join(lines), cwd=ROOT)
-    assert "train() got an unexpected keyword argument 'nothing'" in done.stdout, done.stderr
+    _, output, errors = Program("\n".join(lines), tmp_path).ended()
+    assert "train() got an unexpected keyword argument 'nothing'" in output, errors
 
 
 def test_ci_runs_each_part_once_lint_is_green():

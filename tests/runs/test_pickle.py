@@ -2,12 +2,12 @@
 
 import copy
 import io
-import multiprocessing
 import pickle
 from pathlib import Path
 
 import pytest
 import torch
+from programs import SERVER
 from tiny import varied
 
 from morlax_torch import MorlaxError, Policy, config_for, envs, load
@@ -66,11 +66,11 @@ def act(policy: Policy, config: Config, observation: torch.Tensor) -> tuple[list
 
 
 @pytest.mark.slow
-def test_a_spawned_process_uses_a_policy_and_a_config(tmp_path):
+def test_another_process_uses_a_policy_and_a_config(tmp_path):
     (tmp_path / "leaping.py").write_text(TASK)
     config = config_for(f"{tmp_path / 'leaping.py'}:Leaping", device="cpu", **{"task.leap": 3.0})
     policy, observation = load("hopper"), torch.randn(5, 13)
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
+    with SERVER.Pool(1) as pool:
         actions, seeded = pool.apply(act, (policy, config, observation))
     torch.testing.assert_close(torch.tensor(actions), policy(observation, WEIGHTS))
     assert seeded == config.model_copy(update={"seed": 1})

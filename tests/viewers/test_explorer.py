@@ -185,7 +185,8 @@ def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
 
 
 @pytest.mark.slow
-def test_thresholds_are_simulated_while_the_robots_go_on(make_policy):
+def test_thresholds_are_simulated_while_the_robots_go_on(monkeypatch, make_policy):
+    monkeypatch.setattr(choosing, "MOST_BATCHES", 4)
     policy = make_policy("cheetah", task={"episode_length": 100})
     front, requests, found = evaluate(policy, 16), Queue(), []
     thresholds = Thresholds(Session(policy, front), front, requests.put, found.append)
@@ -271,8 +272,9 @@ def test_a_run_that_is_being_trained_shows_its_latest_checkpoint(workplace, make
 
 
 @pytest.mark.slow
-def test_files_are_written_while_the_robots_go_on(tmp_path, make_run):
+def test_files_are_written_while_the_robots_go_on(tmp_path, monkeypatch, make_run):
     onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
+    monkeypatch.setattr(choosing, "MOST_BATCHES", 1)
     run = make_run(tmp_path / "run", "hopper", "best", "latest")
     requests = Queue()
 
