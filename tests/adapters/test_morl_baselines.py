@@ -1,4 +1,4 @@
-"""morl-baselines trains in the package's environments and evaluates its policies."""
+"""morl-baselines evaluates the package's policies."""
 
 import gymnasium
 import numpy as np
@@ -40,21 +40,3 @@ def test_the_discounted_protocol_gives_what_morl_baselines_measures_in_mo_gymnas
         for tradeoff, returns in zip(front.tradeoffs, front.returns, strict=True):
             *_, discounted = evaluation.eval_mo(agent, original, w=tradeoff)
             np.testing.assert_allclose(returns, discounted, rtol=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("workplace")  # where agents save themselves
-def test_an_agent_trains_and_is_evaluated_under_float64_weights():
-    evaluation = pytest.importorskip("morl_baselines.common.evaluation", exc_type=ImportError)
-    from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPIPDContinuousAction
-
-    env = gymnasium.make(TASK, episode_length=20)
-    small = {"net_arch": [8, 8], "batch_size": 8, "learning_starts": 20, "log": False}
-    each = {"timesteps_per_iter": 15, "eval_freq": 15, "num_eval_episodes_for_front": 1}
-    tradeoff = np.array([0.7, 0.3])
-    with one_thread(torch.device("cpu")):
-        agent = GPIPDContinuousAction(env, dyna=False, device="cpu", **small)
-        agent.train(30, eval_env=env, ref_point=np.zeros(2), **each)
-        scalar, _, returns, _ = evaluation.policy_evaluation_mo(agent, env, tradeoff, rep=1)
-    assert returns.shape == (2,) and np.isfinite(returns).all()
-    assert scalar == pytest.approx(tradeoff @ returns)

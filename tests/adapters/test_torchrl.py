@@ -12,13 +12,8 @@ pytest.importorskip("torchrl", reason="TorchRL is not installed")
 
 from acting import falling
 from tensordict import TensorDict
-from tensordict.nn import TensorDictModule
-from torch import nn
-from torchrl.envs import GymWrapper, LineariseRewards, RewardSum, TransformedEnv
+from torchrl.envs import GymWrapper, RewardSum, TransformedEnv
 from torchrl.envs.utils import check_env_specs
-from torchrl.modules import MLP, NormalParamExtractor, ProbabilisticActor, TanhNormal, ValueOperator
-from torchrl.objectives import ClipPPOLoss
-from torchrl.objectives.value import GAE
 
 from morlax_torch.adapters.torchrl import TorchRLEnv
 
@@ -82,54 +77,6 @@ def test_a_partial_reset_affects_only_the_selected_worlds():
     assert env.worlds.age.tolist() == [5, 0, 5, 0]
     env.set_seed(3)
     assert torch.equal(env.reset()["observation"], first["observation"])
-
-
-@pytest.mark.usefixtures("single_thread")
-@pytest.mark.slow
-def test_torchrl_ppo_learns_a_tradeoff():
-    objectives = worlds("hopper", 48, episode_length=100)
-    env = TransformedEnv(
-        objectives, LineariseRewards(["reward"], ["weighted"], weights=[0.7, 0.3])
-    ).append_transform(RewardSum(["weighted"], ["return"]))
-    env.set_seed(0)
-
-    def network(outputs: int) -> MLP:
-        return MLP(out_features=outputs, num_cells=[64, 64], activation_class=nn.Tanh)
-
-    actor = ProbabilisticActor(
-        TensorDictModule(
-            nn.Sequential(network(2 * 4), NormalParamExtractor()), ["observation"], ["loc", "scale"]
-        ),
-        in_keys=["loc", "scale"],
-        distribution_class=TanhNormal,
-        return_log_prob=True,
-        spec=env.action_spec,
-    )
-    critic = ValueOperator(network(1), in_keys=["observation"])
-    fake = env.fake_tensordict()
-    actor(fake), critic(fake)  # initializes the lazy layers
-    loss = ClipPPOLoss(actor, critic, entropy_coeff=1e-3)
-    loss.set_keys(reward="weighted")
-    advantages = GAE(gamma=0.97, lmbda=0.95, value_network=critic)
-    advantages.set_keys(reward="weighted")
-    optimizer = torch.optim.Adam(loss.parameters(), lr=1e-3)
-
-    returns = []
-    for _ in range(7):
-        with torch.no_grad():
-            batch = env.rollout(100, actor, break_when_any_done=False)
-            advantages(batch)
-        returns.append(batch["next", "return"][batch["next", "done"]].mean().item())
-        for _ in range(4):
-            for part in batch.reshape(-1)[torch.randperm(batch.numel())].split(1200):
-                losses = loss(part)
-                total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
-                assert total.isfinite()
-                optimizer.zero_grad()
-                total.backward()
-                nn.utils.clip_grad_norm_(loss.parameters(), 1.0)
-                optimizer.step()
-    assert max(returns[-2:]) > 2 * returns[0]
 
 
 def test_an_observation_that_shows_the_simulators_memory_is_copied(monkeypatch):

@@ -1,11 +1,10 @@
-"""Options of the tests themselves, the record of their runs on a GPU, and the known faults."""
+"""Options of the tests themselves, and the record of their runs on a GPU."""
 
 import sys
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
-import faults
 import pytest
 from same import csv_rows
 
@@ -60,11 +59,3 @@ def test_the_last_run_on_a_gpu_had_no_failure():
     newest = recorded[-1]
     assert int(newest["failed"]) == 0 < int(newest["passed"])
     assert newest["card"] not in ("", "none")
-
-
-def test_every_known_fault_can_be_injected():
-    checkout = Path(__file__).parents[2]
-    every = faults.read()
-    stale = [f for f in every if faults.occurrences(f, checkout) != 1]
-    assert not stale
-    assert all(f["old"] != f["new"] for f in every)

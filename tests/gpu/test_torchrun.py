@@ -55,13 +55,6 @@ def state(run: Path) -> checkpoint.Contents:
 
 
 @pytest.mark.slow
-def test_each_process_has_worlds_of_its_own(whole):
-    learner = state(whole).learner
-    assert learner is not None and len(learner["processes"]) == 1
-    assert not torch.equal(learner["observation"], learner["processes"][0]["observation"])
-
-
-@pytest.mark.slow
 def test_a_run_goes_on_in_one_process_with_new_worlds(whole, tmp_path, capsys):
     run = shutil.copytree(whole, tmp_path / "run")
     train.command(["--resume", str(run), "--max-env-steps", str(STEPS + 1600)])

@@ -551,11 +551,13 @@ def test_bodies_show_by_color_how_far_they_are_from_the_motion(visit):
 
 
 @pytest.mark.slow
-def test_sliders_follow_a_trade_off_over_time_until_one_is_moved(browser, workplace, make_run):
+def test_sliders_follow_a_trade_off_over_time_and_the_page_tells_the_end_of_its_server(
+    browser, workplace, make_run
+):
     make_run(workplace / "run", "hopper", "best")
     weights = np.array([[1.0, 0.0], [0.2, 0.8]])
     Schedule(np.array([0.0, 1.5]), weights).save(workplace / "s.yaml", ("run", "jump"))
-    with exploring("run", "--tradeoff", "s.yaml") as (address, _):
+    with exploring("run", "--tradeoff", "s.yaml") as (address, process):
         view = View(browser, address)
         follow = view.tab.get_by_role("button", name="over time")
         for _ in range(2):
@@ -568,6 +570,10 @@ def test_sliders_follow_a_trade_off_over_time_until_one_is_moved(browser, workpl
             view.moves()
             assert view.value("run") == pytest.approx(held, abs=6e-3)
             follow.click()
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0 and errors == "" and output == ""
+        view.until(lambda: "has stopped" in view.text("event"), "nothing is said")
         view.tab.close()
 
 
@@ -660,15 +666,3 @@ def test_a_newcomer_sees_what_to_do_and_keys_help(visit):
     assert "between evaluated policies" in view.text("front")
     slider.press("b")
     view.until(lambda: view.tradeoff() == pytest.approx((1 / 6,) * 6, abs=1e-3), "no letter works")
-
-
-@pytest.mark.slow
-def test_the_page_says_that_its_server_has_stopped(browser, workplace, make_run):
-    make_run(workplace / "run", "hopper", "best")
-    with exploring("run") as (address, process):
-        view = View(browser, address)
-        process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 0 and errors == "" and output == ""
-        view.until(lambda: "has stopped" in view.text("event"), "nothing is said")
-        view.tab.close()

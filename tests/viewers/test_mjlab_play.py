@@ -107,7 +107,15 @@ def test_gains_limits_and_order_are_those_of_the_robot(exported):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "episodes", "falls"), [("go1", 20, 0), ("g1", 10, 1)])
+@pytest.mark.parametrize(
+    ("name", "episodes", "falls"),
+    [
+        ("go1", 8, 0),
+        ("g1", 4, 0),
+        pytest.param("go1", 20, 0, marks=pytest.mark.long),
+        pytest.param("g1", 10, 1, marks=pytest.mark.long),
+    ],
+)
 def test_disturbed_episodes_while_the_trade_off_changes(exported, name, episodes, falls):
     total = summary(run(open_export(exported / name), Disturbances(), episodes, seconds=30.0))
     assert total.falls <= falls and total.seconds > 27 * episodes
