@@ -99,7 +99,10 @@ class SkrlAdapter(Adapter):
         observation, *columns, info = self.env.step(action)
         assert torch.equal(self.env.reset()[0], observation)
         reward, terminated, truncated = (column.squeeze(1) for column in columns)
-        assert ("episode" in info) == (terminated | truncated).any()
+        names = {f"Return / {name}" for name in self.env.vector.objectives}
+        logged = info.get("episode", {})  # skrl's trainers log tensors of one number
+        assert logged.keys() == (names if (terminated | truncated).any() else set())
+        assert all(value.numel() == 1 for value in logged.values())
         return Seen(observation, reward, info["vector_reward"], terminated, truncated)
 
     def privileged(self) -> Tensor | None:
