@@ -28,8 +28,8 @@ class Program:
     def __init__(self, code: str, folder: Path, words: Sequence[str] = (), **variables: str):
         folder.mkdir(exist_ok=True)
         self._folder = folder
-        given = code, folder, words, {**os.environ, **variables}
-        self._process = SERVER.Process(target=_execute, args=given)
+        arguments = code, folder, words, {**os.environ, **variables}
+        self._process = SERVER.Process(target=_execute, args=arguments)
         self._process.start()
 
     def poll(self) -> int | None:
