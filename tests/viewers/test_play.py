@@ -24,6 +24,7 @@ from morlax_torch.viewers.playing.episodes import (
     Policy,
     Steering,
     run,
+    summary,
 )
 from morlax_torch.viewers.playing.robot import Disturbances, Export, Robot, open_export
 
@@ -196,6 +197,8 @@ def test_episodes_are_the_same_for_the_same_seed(cart):
     one, other = (run(cart, Disturbances(), 2, 1.0, seed=3) for _ in range(2))
     assert one == other and one[0] != one[1]
     assert one[0].seconds == pytest.approx(1) and one[0].power > 0
+    at_once = one[0]._replace(falls=1.0, seconds=0.02, error=np.nan, power=np.nan, speed=np.nan)
+    assert summary([one[0], at_once]).power == pytest.approx(one[0].power)
 
 
 def test_keys_and_sticks_steer_within_the_ranges(cart, tmp_path):

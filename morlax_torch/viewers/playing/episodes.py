@@ -244,7 +244,9 @@ def _episode(robot: Robot, policy: Policy, commands: Iterable[Array]) -> Episode
 def summary(episodes: Sequence[Episode]) -> Episode:
     """Return the number of falls, and means weighted by time."""
     rows = np.array(episodes)
-    means = np.average(rows, axis=0, weights=rows[:, 1])
+    lasted = ~np.isnan(rows[:, 2])  # an episode that ends with its first control step has no means
+    walked = rows[lasted] if lasted.any() else rows
+    means = np.average(walked, axis=0, weights=walked[:, 1])
     return Episode(*rows[:, :2].sum(0).tolist(), *means[2:].tolist())
 
 
