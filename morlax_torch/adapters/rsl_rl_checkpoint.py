@@ -25,7 +25,6 @@ from .rsl_rl_family import EPISODES, FamilyModel, FamilyStorage, plain_state
 FAMILY = "family"  # key of the family in a checkpoint
 NORMALIZER = "obs_normalizer."  # before names of what is not trained
 ACTION_SCALE = 10.0  # largest action of a policy in our own worlds, if the host does not clip
-ACTIVATIONS = nn.ELU.__module__
 
 
 def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) -> None:
@@ -83,10 +82,11 @@ def config_of(
     rewards: ObjectiveRewards,
 ) -> Config | None:
     """Return the config of the policies as a run of morlax; None if it cannot have one."""
-    activations = [x for x in actor.family.target.modules() if type(x).__module__ == ACTIVATIONS]
-    plain = isinstance(actor.family.target, GaussianMLP) and len(actor.obs_groups) == 1
-    if options.task is None or not plain:
+    target = actor.family.target
+    if options.task is None or not isinstance(target, GaussianMLP) or len(actor.obs_groups) > 1:
         return None
+    *layers, _ = target.mlp.children()
+    hidden = [layer.out_features for layer in layers if isinstance(layer, nn.Linear)]
     task = {
         "objectives": rewards.objectives,
         "guide": rewards.guide,
@@ -102,10 +102,10 @@ def config_of(
             "worlds": storage.num_envs,
             "horizon": storage.num_transitions_per_env,
             "sampling": {"clusters": storage.tradeoffs, "corners": 0, "cells": True},
-            "network": {"actor": cfg["actor"]["hidden_dims"], "features": options.features},
+            "network": {"actor": hidden, "features": options.features},
             "ppo": {"minibatches": 1},
             "evaluation": {"tradeoffs": 64, "seeds": EPISODES},
-            "method": {"activation": type(activations[0]).__name__},
+            "method": {"activation": type(layers[1]).__name__},
             "task": task,
         }
     )

@@ -253,6 +253,18 @@ def test_a_checkpoint_is_a_run(trained):
     assert policy.reward_weights((1.0, 0.0))["track_x"] == 1.0
 
 
+def test_a_checkpoint_of_linear_layers_as_wide_as_the_input_is_a_run(tmp_path):
+    cfg = settings(task=TASK)
+    cfg["actor"] |= {"hidden_dims": [-1, 8], "activation": "identity"}
+    with contextlib.redirect_stdout(io.StringIO()):
+        runner = learn(OnPolicyRunner(Points(), cfg, None, "cpu"), 1)
+    runner.save(str(tmp_path / "model.pt"))
+    policy, obs = morlax_torch.load(tmp_path / "model.pt", trust=True), anywhere()
+    runner.alg.eval_mode()
+    with torch.no_grad():
+        assert torch.allclose(10 * policy(obs["actor"], (1, 1)), runner.alg.actor(obs), atol=1e-5)
+
+
 @pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 def test_rsl_rl_exports_one_tradeoff(trained, tmp_path):
     runner, _ = trained
