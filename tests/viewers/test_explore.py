@@ -246,16 +246,21 @@ def test_all_tabs_show_the_same_robot_which_can_be_paused_and_replaced(visit):
     phone.tab.wait_for_timeout(500)
     assert phone.clock() == before
     third.tab.click("#push")
+    for view in (third, phone):
+        view.tab.press("#timeline", "Home")  # looks back
     third.tab.click("#reset")
     third.until(lambda: third.clock() == 0, "the episode is not reset")
     third.tab.click("#pause")
     third.moves()
+    phone.moves()
 
     # the lists say what is shown, also after another run could not be opened
     broken = f"runs/{LONG}/20261120-054533-0"
     assert third.tab.inner_text(f"#run option[value='{broken}']") == "…/20261120-054533-0"
     third.tab.select_option("#run", broken)
+    third.tab.emulate_media(reduced_motion="reduce")
     third.until(lambda: "best.pt is damaged" in third.text("event"), "nothing is said")
+    assert third.tab.evaluate("getComputedStyle(document.getElementById('event')).opacity") == "1"
     third.until(lambda: third.tab.input_value("#run") == "runs/cheetah3/a", "another run's name")
     lacking = third.tab.locator("#run option[value=go1]")
     assert lacking.is_disabled() == (find_spec("mjlab") is None)

@@ -181,6 +181,7 @@ async function run() {
     last = now;
     const { engine, stage } = state;
     if (state.replays) replay(stage, (elapsed * engine.pace) / engine.about.dt);
+    if (!engine.paused) stopLookingBack(); // another tab may continue
     const share = await engine.advance(stage.moment === null ? elapsed : 0);
     if (engine !== state.engine) continue;
     if (engine.scene !== stage.source) stage.show(engine);
@@ -196,10 +197,13 @@ async function run() {
 function replay(stage, steps) {
   state.played += steps;
   stage.moment = stage.after(state.from, state.played);
-  if (stage.moment < stage.past.length - 1) return;
-  stage.moment = null;
+  if (stage.moment === stage.past.length - 1) state.engine.pause(false);
+}
+
+/** Return to the present. */
+function stopLookingBack() {
+  state.stage.moment = null;
   state.replays = false;
-  state.engine.pause(false);
 }
 
 /** Show the time of the pose on the stage, and what the buttons do now. */
@@ -217,11 +221,12 @@ function showPlayback(engine, stage) {
     else $("event").classList.remove("staying");
   }
   const stopped = paused && !state.replays;
-  if (stopped === state.stopped && pace === state.pace) return;
-  Object.assign(state, { stopped, pace });
   $("timeline").hidden = !stopped;
   $("timeline").max = past.length - 1;
+  $("timeline").ariaValueText = $("clock").textContent;
   if (moment === null) $("timeline").value = past.length - 1;
+  if (stopped === state.stopped && pace === state.pace) return;
+  Object.assign(state, { stopped, pace });
   label("pause", stopped ? "Continue (space)" : "Pause (space)", stopped ? "play" : "pause");
   label("pace", "Simulation speed", "pace", `${pace}×`);
 }
@@ -245,7 +250,10 @@ function wireControls() {
       else state.replays = !state.replays;
     },
     push: () => state.engine.press("push"),
-    reset: () => state.engine.press("reset"),
+    reset: () => {
+      stopLookingBack();
+      state.engine.press("reset");
+    },
     camera: () => state.stage.lookHome(),
     photo: async () => download(await state.stage.picture(), "png"),
     clip: film,
