@@ -114,7 +114,7 @@ export class FrontPlot {
       return { name, weights, place: [x, y] };
     });
     const pins = this.kept.flatMap(({ name, place: [x, y] }) => {
-      const side = x > WIDTH - 90 ? { x: x - 8, "text-anchor": "end" } : { x: x + 8 };
+      const side = x > WIDTH / 2 ? { x: x - 8, "text-anchor": "end" } : { x: x + 8 };
       return [
         svg("path", { d: `M${x} ${y - 6}l5 6l-5 6l-5-6z`, class: "pin" }),
         svg("text", { ...side, y: y - 7, class: "pin-name" }, `@${name}`),
