@@ -91,7 +91,10 @@ export class Local {
 
   /** Take the steps that are due after `elapsed` seconds; returns the share of the next one. */
   async advance(elapsed) {
-    for (const robot of this.left.splice(0)) await robot.release(this.robots.length === 0);
+    while (this.left.length) {
+      const robot = this.left.pop();
+      await robot.release(this.robots.length + this.left.length === 0);
+    }
     const { dt } = this.about;
     if (!this.paused) this.due += Math.min(elapsed, MOST_DELAY) * this.pace;
     if (this.resets) {
