@@ -215,8 +215,9 @@ def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
 
 
 def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
-    page = visit()
+    page = visit("?tradeoff=0.5&theme=none")
     runs(page)
+    assert page.inner_text("#event") == "cheetah3 has no trade-off 0.5: this is the balance"
     # without a graphics card the page draws fewer pixels
     stage, _ = boxes(page)
     drawn = page.evaluate("document.getElementById('view').width / devicePixelRatio")
@@ -266,7 +267,11 @@ def test_robots_are_compared_and_chosen_without_a_server(visit):
     press("thresholds off")
     expect(page.locator("#front .out")).to_have_count(0)
     assert page.get_by_role("button", name="A or B?").count() == 0 and page.is_hidden("#keep")
-    assert not visit.complaints
+    press("add a robot")
+    page.select_option("#run", label="Tumbler")
+    expect(names).to_have_count(0)
+    runs(page)
+    assert page.is_hidden("#problem") and not visit.complaints
 
 
 def test_a_second_visit_needs_no_network(visit):

@@ -102,9 +102,11 @@ async function open(run) {
   engine.about.title = run.title;
   const m = engine.about.objectives.length;
   const wanted = query.get("tradeoff");
-  engine.steer(engine.bookmarks[wanted?.replace(/^@/, "")] ?? parsed(wanted, m) ?? even(m));
+  const named = engine.bookmarks[wanted?.replace(/^@/, "")] ?? parsed(wanted, m);
+  engine.steer(named ?? even(m));
   $("run").value = run.folder;
   present(engine);
+  if (wanted && !named) announce(`${run.title} has no trade-off ${wanted}: this is the balance`);
 }
 
 /** Show the recording of a run until a robot is loaded; returns whether there is one. */
@@ -340,7 +342,7 @@ function label(button, title, picture = button, word = WORDS[picture] ?? picture
 /** Follow the system's light or dark theme, until the visitor switches. */
 function followTheme() {
   const system = matchMedia("(prefers-color-scheme: dark)");
-  let chosen = query.get("theme");
+  let chosen = ["light", "dark"].find((theme) => theme === query.get("theme"));
   const dress = () => {
     const theme = chosen ?? (system.matches ? "dark" : "light");
     document.documentElement.style.colorScheme = theme;
