@@ -1,6 +1,8 @@
 """The shipped Go1 and G1, exported from mjlab, walk in C MuJoCo as in mjlab."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ import yaml
 from calm import calm
 from tiny import FEW, tiny
 
-from morlax_torch import load
+from morlax_torch import envs, load
 from morlax_torch.commands import export
+from morlax_torch.envs.bridges.mjlab import worlds
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.playing.episodes import Policy, run, summary
@@ -104,6 +107,23 @@ def test_gains_limits_and_order_are_those_of_the_robot(exported):
     assert action["offset"] == settings["default_joint_pos"]
     assert list(settings["observations"])[-2:] == ["last_action", "velocity_commands"]
     assert (own["slew"], settings["step_dt"]) == (0.5, 0.02)
+
+
+def test_two_terms_of_one_function_are_two_observations(monkeypatch):
+    def doubled(name: str, *options: Any) -> Any:
+        cfg = changed(name, *options)
+        terms = cfg.observations["actor"].terms
+        terms["legs"] = replace(terms["joint_pos"], scale=0.5)
+        return cfg
+
+    changed = worlds.changed
+    monkeypatch.setattr(worlds, "changed", doubled)
+    robot = envs.make_robot(GO1)
+    settings = robot.deployment().settings
+    observations, own = settings["observations"], settings["morlax_torch"]
+    names = "joint_pos_rel", "joint_pos_rel_legs"
+    assert [observations[name]["scale"][0] for name in names] == [1, 0.5]
+    assert len(observations) == len(own["observation_names"]) == len(robot.layout())
 
 
 @pytest.mark.slow

@@ -139,6 +139,12 @@ class MjlabRobot(MjlabWorlds, Robot):
             commands["base_velocity"] = {"ranges": ranges | {"heading": None}}
         parts = self.layout()
         observed = [self._observed(part.name) for part in parts]
+        observations: dict[str, Any] = {}
+        for part in parts:
+            label = self._label(part.name)
+            # a controller reads the first term by unitree_rl_lab's name, and refuses a second one
+            key = f"{label}_{part.name}" if label in observations else label
+            observations[key] = self._observation(part)
         settings = {
             "joint_ids_map": list(range(len(joints))),
             "step_dt": env.step_dt,
@@ -155,7 +161,7 @@ class MjlabRobot(MjlabWorlds, Robot):
                     "joint_ids": None if ids == list(range(len(joints))) else ids,
                 }
             },
-            "observations": {self._label(part.name): self._observation(part) for part in parts},
+            "observations": observations,
             "morlax_torch": {
                 "joints": joints,
                 "joint_limits": [model.joint(joint).range.tolist() for joint in joints],
