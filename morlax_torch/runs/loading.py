@@ -308,7 +308,10 @@ def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float]) -> Path:
 
 def rename_bookmark(run: AnyPath, name: str, new: str) -> None:
     """Give a bookmark of a run another name; an empty one removes it."""
-    stored = {new if key == name else key: weights for key, weights in bookmarks(run).items()}
+    former = bookmarks(run)
+    if new in former:
+        raise MorlaxError(f"there is a bookmark {new} already: delete it first.")
+    stored = {new if key == name else key: weights for key, weights in former.items()}
     stored.pop("", None)
     write_file(check_bookmark(run, new or name), yaml.safe_dump(stored, **PLAIN))
 

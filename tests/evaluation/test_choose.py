@@ -33,7 +33,14 @@ from morlax_torch.runs.choosing import (
     choose,
     trials,
 )
-from morlax_torch.runs.loading import bookmark, evaluate, find_run, tradeoff_of
+from morlax_torch.runs.loading import (
+    bookmark,
+    bookmarks,
+    evaluate,
+    find_run,
+    rename_bookmark,
+    tradeoff_of,
+)
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
 SHARES = torch.tensor([0.0, 0.4, 1.0])
@@ -471,6 +478,9 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
         bookmark(run, "../fast", (1.0, 0.0))
     with pytest.raises(MorlaxError, match="shipped policies keep no bookmarks"):
         bookmark("hopper", "fast", (1.0, 0.0))
+    with pytest.raises(MorlaxError, match="there is a bookmark fast already: delete it first"):
+        rename_bookmark(run, "calm one", "fast")
+    assert len(bookmarks(run)) == 2
     file.write_text("fast: [a]")
     with pytest.raises(MorlaxError, match="is damaged"):
         tradeoff_of("@fast", run, names)
