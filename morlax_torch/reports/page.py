@@ -101,13 +101,15 @@ def card(
     origin: Mapping[str, str],
     commands: Sequence[str],
     strip: bytes | None = None,
+    titles: Mapping[str, str] | None = None,
 ) -> str:
     """Return the decision card: why a trade-off was chosen, and what its policy does.
 
     `trials` are the choice under other conditions, and `origin` texts such as the checkpoint, both
-    by name. `commands` are command lines that use the choice, `strip` is a film strip as PNG.
+    by name. `commands` are command lines that use the choice, `strip` is a film strip as PNG, and
+    `titles` are what people read as the names of objectives.
     """
-    required = choice.required
+    required, titles = choice.required, titles or {}
     # a fall breaks every requirement
     missed = [
         name
@@ -118,7 +120,9 @@ def card(
         "card.html",
         task=task,
         choice=choice,
-        maximized=required.names[required.maximized],
+        maximized=required.maximized,
+        titles=[titles.get(name, name) for name in required.names],
+        rows=[[titles.get(name, name), *row] for name, *row in choice.rows(",.4g")],
         strip=strip,
         trials=trials,
         missed=missed,

@@ -457,8 +457,9 @@ def test_a_decision_card_counts_quantities(measured):
     worse = choice.values + np.array([0, 0, 30, 0, 0])
     tried = {"calm": Trial(choice.values, 0.0, 4), "storm": Trial(worse, 0.0, 4)}
     tried["gale"] = Trial(choice.values, 0.25, 4)  # a fall breaks a requirement
-    page = card("robot", choice, tried, {}, [])
-    assert "As much run as possible, with at least 10 of save and at most 60 of power (W)" in page
+    page = card("robot", choice, tried, {}, [], titles={"save": "fuel saved"})
+    wish = "As much run as possible, with at least 10 of fuel saved and at most 60 of power (W)"
+    assert wish in page
     assert "<td>at most 60</td>" in page and "power (kW)" not in page
     assert "The requirements are not kept with storm, gale." in page
     assert page.count("<td>yes</td>") == 1 and page.count("<td>no</td>") == 2

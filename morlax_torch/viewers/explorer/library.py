@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from ...envs.errors import unknown
 from ...envs.naming import GYMNASIUM, MJLAB, runs_code, title
+from ...envs.registry import get
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
 from ...host.files import RUNS, newest_runs, task_of, write_file
@@ -149,4 +150,4 @@ def decision_card(
         "morlax-torch": __version__,
     }
     picture = strip(policy.cpu(), choice.tradeoff)
-    return card(title(env), choice, tried, facts, commands, picture)
+    return card(title(env), choice, tried, facts, commands, picture, get(env).titles)
