@@ -318,6 +318,13 @@ def test_on_a_phone_the_panel_lies_below_the_robot_and_is_large_enough_to_tap(vi
     page.click("#terms-section summary")
     expect(page.locator("#terms")).to_be_visible()
 
+    # a laptop at a zoom of 200 %: every button is on the stage, and sliders can be dragged
+    page.set_viewport_size({"width": 683, "height": 384})
+    stage, _ = boxes(page)
+    buttons = [button.bounding_box() for button in page.locator("#controls button:visible").all()]
+    assert buttons[0]["x"] >= 0 and buttons[-1]["x"] + buttons[-1]["width"] <= stage["width"]
+    assert page.locator("#weights input").first.bounding_box()["width"] >= 80
+
 
 @pytest.mark.parametrize(
     ("before", "sentence"),

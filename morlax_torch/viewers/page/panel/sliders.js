@@ -12,7 +12,7 @@ export class Sliders {
       input.addEventListener("change", done);
       return input;
     });
-    this.outputs = rows.map(() => html("output"));
+    this.outputs = rows.map(() => html("output", { ariaHidden: true })); // inputs say it
     this.elements = rows.map(({ name, color, title = "", act }, index) => {
       const look = { className: "name", textContent: name, title };
       const head = html(act ? "button" : "span", act ? { ...look, type: "button", onclick: act } : look);
