@@ -1,6 +1,7 @@
 """Descriptions of a task, its model and its front for the page."""
 
 import json
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -97,16 +98,17 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
 def moment_map(file: Path, *numbers: float) -> dict[str, Any]:
     """Describe one of `kept_fronts`: its numbers, and a few of its non-dominated policies.
 
-    `values` are returns, then quantities.
+    `values` are returns, then quantities; None where they are not finite, which JSON lacks.
     """
     front = Front.load(file)
     best = np.flatnonzero(front.non_dominated)
     shown = best[:: -(-len(best) // MOST_DRAWN)]
+    values = front.values[shown].round(3).tolist()
     return {
         "numbers": numbers,
         "fingerprint": front.fingerprint,
         "tradeoffs": front.tradeoffs[shown].round(3).tolist(),
-        "values": front.values[shown].round(3).tolist(),
+        "values": [[x if math.isfinite(x) else None for x in row] for row in values],
     }
 
 

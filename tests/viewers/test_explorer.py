@@ -18,7 +18,7 @@ from growing import grow, train_on
 from morlax_torch import MorlaxError, evaluate, load
 from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.runs import choosing
-from morlax_torch.viewers.describing import described_task, front_map
+from morlax_torch.viewers.describing import described_task, front_map, moment_map
 from morlax_torch.viewers.explorer import exhibits, library
 from morlax_torch.viewers.explorer.exhibits import RunExhibit, Thresholds
 from morlax_torch.viewers.explorer.session import (
@@ -308,7 +308,7 @@ class Task:
     dt, episode_length, lower_is_better = 0.05, 200, ("power (W)",)
 
 
-def test_the_map_has_returns_and_physical_quantities(make_front):
+def test_the_map_has_returns_and_physical_quantities(make_front, tmp_path):
     front = make_front(("run", "energy"))
     power = np.linspace(1.0, 2.0, len(front.returns))[:, None]
     sent = front_map(front._replace(quantities=power, quantity_names=("power (W)",)), Task())
@@ -325,6 +325,9 @@ def test_the_map_has_returns_and_physical_quantities(make_front):
     both[0, 1] = np.nan  # of a policy that fell at once
     sent = front_map(front._replace(quantities=both, quantity_names=("power (W)", "v")), Task())
     assert [one["name"] for one in sent["measured"]] == ["power (W)"]
+    front._replace(quantities=both, quantity_names=("power (W)", "v")).save(tmp_path / "0.npz")
+    moment = moment_map(tmp_path / "0.npz", 1.0)
+    assert len(moment["values"]) > 1 and json.dumps(moment, allow_nan=False)
     sent = front_map(front._replace(falls=np.array([0.0, 0.25, 0.0, 1.0])), Task())
     assert sent["fails"] == [False, False, False, True] and sent["falls"] == [0, 0.25, 0, 1]
 
