@@ -211,6 +211,9 @@ def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
     expect(page).to_have_url(re.compile("tradeoff=0,0,1$"))
     page.locator("#triangle svg").click(position={"x": 160, "y": 40})
     expect(shares.first).to_have_text(re.compile(r"^(8[1-9]|9\d|100) %$"))
+    clicked = page.url
+    page.locator("#triangle svg").press("ArrowDown")
+    expect(page).not_to_have_url(clicked)
     assert not visit.complaints
 
 

@@ -53,7 +53,7 @@ export class Panel {
     this.required = (index) => (this.#reveal(index), settled());
     this.training = new TrainingPanel(engine);
     this.#renew();
-    $("triangle").onpointerup = $("front").onpointerup = settled;
+    for (const plot of [$("triangle"), $("front")]) plot.onpointerup = plot.onkeyup = settled;
     this.parts.push(
       new TypedWeights(engine, (weights) => (this.choose(weights), settled())),
       new LineupPanel(engine),
