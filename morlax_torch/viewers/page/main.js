@@ -293,8 +293,10 @@ function wireControls() {
     state.stage.controls.rotateUp(up * TURN);
     event.preventDefault();
   });
-  // Space presses a button that has the focus, but a click is not to keep it
+  // Space presses a button that has the focus, and letters choose from a list, but a click is not to keep it
   addEventListener("click", ({ detail, target }) => detail && target.closest("button, summary")?.blur());
+  const clicked = ":is(select, [type=checkbox]):not(:focus-visible)";
+  addEventListener("change", ({ target }) => target.matches(clicked) && target.blur());
   const keys = { " ": "pause", p: "push", r: "reset", c: "camera", b: "balance", u: "unit", "?": "help" };
   for (const number of [1, 2, 3, 4]) keys[number] = String(number - 1);
   addEventListener("keydown", (event) => {
