@@ -194,6 +194,8 @@ def test_a_browser_steers_the_robot(visit):
     corner = view.tab.locator("#front circle:not(.mark)").nth(1)
     view.tab.mouse.click(*middle(corner))
     view.until(lambda: max(view.tradeoff()) == 1, "the click has no effect")
+    told = view.tab.locator("#front .plot").get_attribute("aria-valuetext")
+    assert re.fullmatch(r"run per second: .* \(weight \d+ %\), energy saved per second: .*", told)
     mark = view.tab.locator("#front .mark")
     view.until(lambda: middle(mark) == pytest.approx(middle(corner), abs=1), "no mark")
 

@@ -35,7 +35,7 @@ export class FrontPlot {
     const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
     this.drawing = svg(
       "svg",
-      { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "img", tabindex: 0, "aria-label": label },
+      { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "slider", tabindex: 0, "aria-label": label },
       ...this.#scales(),
       this.lines,
       ...this.#points(),
@@ -69,6 +69,8 @@ export class FrontPlot {
     const look = { ...side, y: y > HEIGHT / 2 ? y - 9 : y + 16, class: "readout told" };
     const told = isBetween ? [svg("text", look, "between evaluated policies")] : [];
     this.marks.replaceChildren(...circles, ...told);
+    const ariaValueText = this.#facts(this.nearest).join(", ");
+    Object.assign(this.drawing, { ariaValueNow: this.nearest, ariaValueText });
   }
 
   /** Draw the fronts of moments of training faintly, the last one of which may be `asked` for. */
@@ -191,16 +193,21 @@ export class FrontPlot {
     else this.#tell(point);
   }
 
-  /** Say which trade-off a point has, and what its policy earns. */
-  #tell(point) {
-    this.tip.hidden = false;
+  /** Return which trade-off a point has, and what its policy earns. */
+  #facts(point) {
     const { tradeoffs, falls } = this.front;
     const lines = this.axes.map((axis, i) => {
       const weight = axis.physical ? "" : ` (weight ${percent(tradeoffs[point][axis.index])})`;
       return `${named(axis)}: ${short(this.columns[i][point])}${weight}`;
     });
     if (falls[point]) lines.push(`falls in ${percent(falls[point])} of its episodes`);
-    this.tip.replaceChildren(...lines.map((text) => html("span", { textContent: text })));
+    return lines;
+  }
+
+  /** Show the facts of a point beside it. */
+  #tell(point) {
+    this.tip.hidden = false;
+    this.tip.replaceChildren(...this.#facts(point).map((textContent) => html("span", { textContent })));
     const [x, y] = this.places[point];
     const late = x > WIDTH / 2;
     this.tip.style.left = late ? "auto" : `${(100 * x) / WIDTH}%`;

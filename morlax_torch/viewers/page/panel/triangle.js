@@ -1,7 +1,7 @@
 // The trade-offs of three objectives as a triangle: each corner is one objective alone.
 
 import { onDrag, svg } from "../pictures.js";
-import { colorOf } from "../tradeoffs.js";
+import { colorOf, summary } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT] = [320, 236];
 const CORNERS = [[160, 22], [51, 211], [269, 211]]; // all sides equally long
@@ -11,7 +11,7 @@ const STEP = 8; // of an arrow key
 export class Triangle {
   /** @param pick called with the trade-off that a visitor clicks or drags to. */
   constructor(names, pick) {
-    this.pick = pick;
+    Object.assign(this, { names, pick });
     this.marks = svg("g");
     const [top, left, right] = CORNERS;
     const label = (i, [x, y]) => svg("text", { x, y, class: "corner", "text-anchor": "middle" }, names[i]);
@@ -20,7 +20,7 @@ export class Triangle {
       {
         viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
         class: "plot",
-        role: "img",
+        role: "slider",
         tabindex: 0,
         "aria-label": `Trade-off of ${names.join(", ")}: click to choose, or use the arrow keys`,
       },
@@ -47,6 +47,8 @@ export class Triangle {
       return svg("circle", { cx, cy, r: 8, fill, stroke: outline, class: "mark" });
     });
     this.marks.replaceChildren(...circles);
+    const { weights } = marks.at(-1);
+    Object.assign(this.element, { ariaValueNow: weights[0], ariaValueText: summary(weights, this.names) });
   }
 
   #choose(place) {
