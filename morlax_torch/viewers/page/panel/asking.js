@@ -10,7 +10,9 @@ const ENDS = { use: "use this trade-off", again: "start again", leave: "back" };
 export class AskingPanel {
   constructor(engine) {
     this.engine = engine;
-    const answers = SIDES.map((side, i) => chip(side, "", () => engine.answer(i), robotColor(i)));
+    // the second click of a double one would answer a question that nobody has seen
+    const answer = (i) => ({ detail }) => detail < 2 && engine.answer(i);
+    const answers = SIDES.map((side, i) => chip(side, "", answer(i), robotColor(i)));
     $("answers").replaceChildren(...answers, chip("skip", "", () => engine.press("skip")));
     const ends = Object.entries(ENDS).map(([name, text]) => chip(text, "", () => engine.press(name)));
     $("asking-ends").replaceChildren(...ends);
