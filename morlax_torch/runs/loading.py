@@ -298,10 +298,12 @@ def check_bookmark(run: AnyPath, name: str) -> Path:
     return folder / BOOKMARKS
 
 
-def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float]) -> Path:
-    """Store a trade-off (m,) under a name, over an earlier one; returns the file."""
-    file = check_bookmark(run, name)
-    stored = {**bookmarks(run), name: [float(weight) for weight in tradeoff]}
+def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float], replaces: bool = True) -> Path:
+    """Store a trade-off (m,), over one of this name if it `replaces` that; returns the file."""
+    file, former = check_bookmark(run, name), bookmarks(run)
+    if not replaces:
+        _check_new(name, former)
+    stored = {**former, name: [float(weight) for weight in tradeoff]}
     write_file(file, yaml.safe_dump(stored, **PLAIN))
     return file
 
@@ -309,11 +311,15 @@ def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float]) -> Path:
 def rename_bookmark(run: AnyPath, name: str, new: str) -> None:
     """Give a bookmark of a run another name; an empty one removes it."""
     former = bookmarks(run)
-    if new in former:
-        raise MorlaxError(f"there is a bookmark {new} already: delete it first.")
+    _check_new(new, former)
     stored = {new if key == name else key: weights for key, weights in former.items()}
     stored.pop("", None)
     write_file(check_bookmark(run, new or name), yaml.safe_dump(stored, **PLAIN))
+
+
+def _check_new(name: str, former: dict[str, list[float]]) -> None:
+    if name in former:
+        raise MorlaxError(f"there is a bookmark {name} already: delete it first.")
 
 
 def bookmarks(run: AnyPath) -> dict[str, list[float]]:

@@ -481,7 +481,9 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
         bookmark("hopper", "fast", (1.0, 0.0))
     with pytest.raises(MorlaxError, match="there is a bookmark fast already: delete it first"):
         rename_bookmark(run, "calm one", "fast")
-    assert len(bookmarks(run)) == 2
+    with pytest.raises(MorlaxError, match="there is a bookmark fast already: delete it first"):
+        bookmark(run, "fast", (0.0, 1.0), replaces=False)
+    assert bookmarks(run) == {"calm one": [0.25, 0.75], "fast": [3.0, 1.0]}
     file.write_text("fast: [a]")
     with pytest.raises(MorlaxError, match="is damaged"):
         tradeoff_of("@fast", run, names)

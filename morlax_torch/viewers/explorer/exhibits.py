@@ -240,7 +240,7 @@ class RunExhibit:
                 thresholds.maximized = i
                 thresholds.search()
             case {"act": "bookmark", "name": name}:
-                bookmark(self._choice.run, name, steered.tradeoff)
+                bookmark(self._choice.run, name, steered.tradeoff, replaces=False)
                 self._bookmarks = bookmarks(self._choice.run)
             case {"act": "rename", "name": name, "new": new} if name in (self._bookmarks or ()):
                 rename_bookmark(self._choice.run, name, new)
