@@ -346,8 +346,9 @@ def test_axe_finds_no_barrier(visit):
 def test_a_picture_and_a_clip_are_saved_with_the_names_of_the_robots(visit, tmp_path):
     view = visit()
     show(view, "runs/cheetah3/a", 3)
-    view.press("add a robot")
+    view.tab.get_by_role("button", name="add a robot").press("Enter")
     view.until(lambda: len(view.names()) == 2, "no second robot")
+    assert view.tab.evaluate("document.activeElement.textContent") == "add a robot"
     with view.tab.expect_download() as photo:
         view.tab.click("#photo")
     assert photo.value.suggested_filename.startswith("cheetah3 ")

@@ -34,6 +34,15 @@ export function chip(text, title, act, color = null) {
   return button;
 }
 
+/** Replace what a part of the page shows; the button with the focus keeps it, or its first one gets it. */
+export function renew(part, children) {
+  const focused = part.contains(document.activeElement) && document.activeElement.title;
+  part.replaceChildren(...children);
+  if (focused === false) return;
+  const buttons = [...part.querySelectorAll("button")];
+  (buttons.find(({ title }) => title === focused) ?? buttons[0])?.focus();
+}
+
 const ICONS = {
   pause: "M9 6v12M15 6v12",
   play: "M8 5.5v13l10.5-6.5z",

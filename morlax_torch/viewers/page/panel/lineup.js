@@ -1,6 +1,6 @@
 // Several robots to compare: which one the sliders steer, and their names.
 
-import { $, chip, isNews } from "../pictures.js";
+import { $, chip, isNews, renew } from "../pictures.js";
 import { MOST, robotColor, summary } from "../tradeoffs.js";
 
 export class LineupPanel {
@@ -12,7 +12,7 @@ export class LineupPanel {
     const { robots, selected, asking } = this.engine;
     $("robots").hidden = Boolean(asking);
     if (!isNews(this, robots.length, selected)) return;
-    $("robots").replaceChildren(...this.#buttons(robots.length, selected));
+    renew($("robots"), this.#buttons(robots.length, selected));
   }
 
   #buttons(number, selected) {

@@ -1,6 +1,6 @@
 // A trade-off as text, the balance as a button, and bookmarks, which are named in place.
 
-import { $, chip, html, isNews } from "../pictures.js";
+import { $, chip, html, isNews, renew } from "../pictures.js";
 import { even, parsed, shown } from "../tradeoffs.js";
 
 const TOLD = 1500; // ms that "copied" is shown
@@ -57,7 +57,7 @@ export class TypedWeights {
         change("✕", `Delete ${name}`, () => this.engine.rename(name, "")),
       );
     });
-    $("bookmarks").replaceChildren(...marks);
+    renew($("bookmarks"), marks);
   }
 
   /** Ask for the name of a new bookmark, or for another name of one. */
