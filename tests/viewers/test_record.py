@@ -99,6 +99,7 @@ def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
 @pytest.mark.slow
 def test_gifs_are_small(tmp_path):
     film = Film(load("cheetah"), [(1.0, 0.0)], 320, 240)
+    assert [row[0] for row in film._takes[0]._table()] == ["run", "energy saved"]
     stride, fps = film.pace(1.0, recording.FASTEST[".gif"])
     frames = list(film.frames(1.0, stride))
     write_video(tmp_path / "film.gif", iter(frames), fps)

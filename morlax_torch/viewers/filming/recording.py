@@ -243,8 +243,8 @@ class Take:
     def _table(self) -> list[panels.Row]:
         player, rows = self.player, []
         shares = (player.tradeoff / player.tradeoff.sum()).tolist()
-        columns = player.env.objectives, shares, player.returns.tolist()
-        for name, share, x in zip(*columns, strict=True):
+        names = [player.env.titles.get(name, name) for name in player.env.objectives]
+        for name, share, x in zip(names, shares, player.returns.tolist(), strict=True):
             rows.append((name, f"{share:.2f}", f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}"))
         return rows
 
