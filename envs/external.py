@@ -10,6 +10,7 @@ from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
+from typing import ClassVar
 
 import mujoco
 from pydantic import ValidationError
@@ -19,7 +20,9 @@ from .errors import MorlaxError, shortened, unknown, user_code
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
+from .worlds.options import TaskOptions
 
+DRAWING = ("begin", "prepare_starts", "vary_model")  # methods in which tasks draw at random
 MODELS = (".xml", ".mjcf", ".urdf")  # endings of files that MuJoCo loads
 
 
@@ -60,6 +63,13 @@ def checked(task: type[Worlds]) -> type[Worlds]:
             f"{task.__name__}.Options must be a subclass of ObjectiveOptions (TaskOptions for a "
             "robot) in which every option has a default, including objectives."
         ) from None
+    drawing = any(getattr(task, name, None) is not getattr(Environment, name) for name in DRAWING)
+    if drawing and task.Options.varies is TaskOptions.varies:
+
+        class Options(task.Options):  # episodes may differ without reset noise
+            varies: ClassVar[bool] = True
+
+        task.Options = Options
     return task
 
 

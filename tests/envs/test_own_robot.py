@@ -212,6 +212,16 @@ def test_the_command_line_accepts_a_custom_task_s_options(folder):
     assert len({envs.get(name) for name in names}) == 1
 
 
+def test_a_robot_that_draws_goals_can_be_evaluated_in_several_episodes(folder):
+    several = {"evaluation.seeds": 3}
+    with pytest.raises(MorlaxError, match="nothing in this task is random"):
+        tiny("crawler.py:Crawler", **several)
+    with (folder / "crawler.py").open("a") as file:
+        file.write("\n    def begin(self, fresh): ...\n")
+    shutil.copy("crawler.py", "seeker.py")
+    assert tiny("seeker.py:Crawler", **several).task.for_evaluation().varies
+
+
 def test_a_custom_robot_runs_on_both_simulators(folder, backend):
     env = envs.make("crawler.py:Crawler", 4, "cpu", backend)
     for _ in range(30):
