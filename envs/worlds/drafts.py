@@ -6,7 +6,7 @@ from textwrap import shorten
 import jinja2
 import mujoco
 import numpy as np
-from mujoco import mjtBias, mjtJoint
+from mujoco import mjtBias, mjtDyn, mjtJoint, mjtTrn
 
 from ..errors import MorlaxError, user_code, warn_user
 from .trees import base_of, horizontal
@@ -40,7 +40,8 @@ class Draft:
         if free and not geoms[still].any():
             floor = '<geom type="plane" size="0 0 1"/>'
             raise MorlaxError(f"{path} has no floor: name a scene that has one, or add {floor}.")
-        driven = np.isin(joints, model.actuator_trnid[:, 0]).any()
+        motors = model.actuator_trntype == mjtTrn.mjTRN_JOINT
+        driven = np.isin(joints, model.actuator_trnid[motors, 0]).any()
         self.floating = free or (bool(along) and not driven)
         first = self.floating and along == list(range(len(along)))
         self.unobserved = len(along) if first else 0  # leading numbers of qpos
@@ -72,6 +73,7 @@ class Draft:
         model, ctrl, (low, high) = self.model, self.data.ctrl, self.model.actuator_ctrlrange.T
         offset, stiffness = model.actuator_biasprm[:, :2].T
         servo = (model.actuator_biastype == mjtBias.mjBIAS_AFFINE) & (stiffness != 0)
+        servo &= model.actuator_dyntype != mjtDyn.mjDYN_INTEGRATOR  # controls are velocities
         gain = np.where(servo, model.actuator_gainprm[:, 0], 1.0)
         held = 0.0 - (offset + stiffness * self.data.actuator_length) / gain
         rest = ctrl.copy() if ctrl.any() else np.where(servo, held, (low + high) / 2)

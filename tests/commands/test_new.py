@@ -116,6 +116,23 @@ def test_an_arm_holds_its_pose_and_reaches_for_targets_that_change(arm):
     assert torch.equal(step.terms["reach"].argsort(descending=True), near)
 
 
+PULLED = """
+<intvelocity tendon="pull" kp="9" actrange="-1 1"/></actuator>
+<tendon><fixed name="pull"><joint joint="hip" coef="1"/></fixed></tendon>
+<keyframe><key name="home" qpos="0 0 0.5"/></keyframe><actuator>
+"""
+
+
+def test_a_planar_walker_with_tendons_runs_and_controls_of_speed_hold_no_pose(folder):
+    slides = '<joint type="slide" axis="1 0 0"/><joint axis="0 1 0"/><site name="imu"/>'
+    Path("odd.xml").write_text(WALKER.format(**PARTS | {"root": slides, "actuator": PULLED}))
+    new.command(["odd.xml"])
+    robot = envs.make("odd.py:Odd", 3, "cpu")
+    assert robot.objectives == ("speed", "energy")
+    robot.step(torch.zeros(3, 1))
+    assert (robot.physics.ctrl == 0).all()
+
+
 @pytest.mark.parametrize(
     ("part", "text", "words"),
     [
