@@ -146,6 +146,8 @@ class GymnasiumWorlds(ForeignWorlds):
         low, high = self.box.low / 2, self.box.high / 2  # halved, the sum cannot overflow
         boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self.box.shape)
         controls = high + low + (high - low) * boxes  # which rounding may take out of the box
+        if np.issubdtype(self.box.dtype, np.integer):
+            controls = controls.round()
         controls = controls.clip(self.box.low, self.box.high).astype(self.box.dtype)
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
         failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)

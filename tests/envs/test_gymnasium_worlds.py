@@ -100,17 +100,24 @@ def test_seeds_of_an_evaluation_suit_environments_of_32_bits():
     assert seeds[:2] == [7, 8] and len({*seeds}) == 4
 
 
-def test_the_largest_actions_are_in_an_uneven_box():
+@pytest.mark.parametrize(
+    ("box", "least", "most"),
+    [(Box(-0.6, 1.7, (1,)), -0.5, 1.6), (Box(0, 4, (1,), np.int32), 0, 4)],
+)
+def test_actions_reach_both_ends_of_a_box_and_stay_in_it(box, least, most):
     class Strict(Point):
-        action_space = Box(-0.6, 1.7, (1,))
+        action_space = box
 
         def step(self, action):
             assert self.action_space.contains(action)
             return super().step(action)
 
-    envs.register("strict", envs.from_gymnasium(Strict))
-    worlds = envs.make("strict", 2, "cpu")
-    worlds.step(torch.tensor([[-1.0], [1.0]]))
+    make = envs.from_gymnasium(Strict)
+    worlds = make(make.Options(), 2, torch.device("cpu"))
+    ends = torch.tensor([[-1.0], [1.0]])
+    worlds.step(ends)
+    spent = -worlds.step(0.95 * ends).terms["reward_1"]
+    assert spent[0] <= least and spent[1] >= most
 
 
 def test_auto_reset_starts_the_next_episode_in_the_same_step():
