@@ -40,9 +40,12 @@ def start(env: Any) -> np.ndarray:
 
 def state(env: Any) -> dict[str, Tensor]:
     """Return the command and `initial_state()`, if these are tensors (N, ...)."""
-    command, N = getattr(env, "command", None), env.num_worlds
-    tensors = {"command": command} if _shape(command)[:1] == (N,) else {}
-    tensors |= env.initial_state()
+    tensors, N, limits = dict(env.initial_state()), env.num_worlds, len(env.command_limits)
+    command = tensors.get("command", getattr(env, "command", None))
+    if limits and _shape(command) != (N, limits):
+        raise _wrong(env, "command", command, f"a tensor ({N}, {limits}), as in command_limits")
+    if _shape(command)[:1] == (N,):
+        env.command = tensors["command"] = command
     for name, value in tensors.items():
         if _shape(value)[:1] != (N,):
             what = f"initial_state()[{name!r}]"

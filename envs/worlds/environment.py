@@ -177,7 +177,7 @@ class Environment(Robot):
         """Return the task's own tensors (N, ...) by name, as episodes start with them.
 
         Read them from `state`, and change them in place. They are reset before `begin`, saved in
-        checkpoints and restored. `self.command`, if there is one, is among them without this.
+        checkpoints and restored. A `command` among them is `self.command`, too.
         """
         return {}
 

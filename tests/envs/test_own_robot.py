@@ -222,6 +222,15 @@ def test_a_robot_that_draws_goals_can_be_evaluated_in_several_episodes(folder):
     assert tiny("seeker.py:Crawler", **several).task.for_evaluation().varies
 
 
+def test_a_declared_command_can_be_steered(folder):
+    with (folder / "crawler.py").open("a") as file:
+        file.write("\n    command_limits = {'m/s': (-1.0, 1.0)}")
+        file.write("\n    def initial_state(self): return {'command': torch.zeros(2, 1)}\n")
+    env = envs.make("crawler.py:Crawler", 2, "cpu")
+    env.command[0] = 0.5
+    assert env.state_dict()["state.command"].tolist() == [[0.5], [0.0]]
+
+
 def test_a_custom_robot_runs_on_both_simulators(folder, backend):
     env = envs.make("crawler.py:Crawler", 4, "cpu", backend)
     for _ in range(30):
@@ -267,6 +276,9 @@ MISTAKES = {  # lines at the end of the class
     "def apply(self, action): self.physics.ctrl = action": "apply() rebinds physics.ctrl",
     "def layout(self): return [Part('all', 3, '')]": (
         "layout() names 3 numbers, but observe() gives 9"
+    ),
+    "command_limits = {'m/s': (-1, 1)}": (
+        "Crawler.command has type NoneType and shape (): it must be a tensor (3, 1)"
     ),
     "del failed": "Crawler does not define failed, which every task needs.",
     "del model_file": "Crawler names no MJCF: give it a model_file.",
