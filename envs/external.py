@@ -10,7 +10,7 @@ from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 from pydantic import ValidationError
@@ -20,7 +20,7 @@ from .errors import MorlaxError, shortened, unknown, user_code
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
-from .worlds.options import TaskOptions
+from .worlds.options import ObjectiveOptions, TaskOptions
 
 DRAWING = ("begin", "prepare_starts", "vary_model")  # methods in which tasks draw at random
 MODELS = (".xml", ".mjcf", ".urdf")  # endings of files that MuJoCo loads
@@ -56,17 +56,22 @@ def checked(task: type[Worlds]) -> type[Worlds]:
         raise MorlaxError(
             f"{task.__name__} does not define {', '.join(missing)}, which every task needs."
         )
+    kind = TaskOptions if issubclass(task, Environment) else ObjectiveOptions
     try:
         task.Options.model_validate({})
+        complete = issubclass(task.Options, kind)
     except (AttributeError, ValidationError):
+        complete = False
+    if not complete:
         raise MorlaxError(
-            f"{task.__name__}.Options must be a subclass of ObjectiveOptions (TaskOptions for a "
-            "robot) in which every option has a default, including objectives."
-        ) from None
+            f"{task.__name__}.Options must be a subclass of {kind.__name__} in which every option "
+            "has a default, including objectives."
+        )
     drawing = any(getattr(task, name, None) is not getattr(Environment, name) for name in DRAWING)
-    if drawing and task.Options.varies is TaskOptions.varies:
+    base: Any = task.Options
+    if drawing and base.varies is TaskOptions.varies:
 
-        class Options(task.Options):  # episodes may differ without reset noise
+        class Options(base):  # episodes may differ without reset noise
             varies: ClassVar[bool] = True
 
         task.Options = Options

@@ -58,9 +58,9 @@ class Physics(ABC):
     """N copies of one MuJoCo model on one device, advanced together, seen as torch tensors.
 
     The tensors are views of the simulator's own memory: reading one copies nothing, and writing
-    one in place moves the robots. Never rebind them (`physics.qpos = ...` would silently detach
-    from the simulator). `sensors` describes the state that *entered* the last physics step, as
-    after C MuJoCo's `mj_step`; after a reset it holds the readings of the new state.
+    one in place moves the robots. They cannot be rebound. `sensors` describes the state that
+    *entered* the last physics step, as after C MuJoCo's `mj_step`; after a reset it holds the
+    readings of the new state.
     """
 
     name: str  # of the simulator
@@ -76,6 +76,14 @@ class Physics(ABC):
     # Everything else that future steps read, such as `time` and `mocap_pos`, by its name in MjData:
     # (N, ...) each, and what an episode starts with, (...).
     parts: dict[str, tuple[Tensor, Tensor]] = {}
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if isinstance(known := getattr(self, name, None), Tensor) and value is not known:
+            raise MorlaxError(
+                f"physics.{name} is the simulator's own memory, which no other tensor can replace: "
+                f"write into it, physics.{name}.copy_(...)."
+            )
+        super().__setattr__(name, value)
 
     @abstractmethod
     def step(self) -> None:

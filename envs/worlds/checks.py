@@ -40,17 +40,36 @@ def start(env: Any) -> np.ndarray:
 
 def state(env: Any) -> dict[str, Tensor]:
     """Return the command and `initial_state()`, if these are tensors (N, ...)."""
-    tensors, N, limits = dict(env.initial_state()), env.num_worlds, len(env.command_limits)
-    command = tensors.get("command", getattr(env, "command", None))
+    tensors, N, limits = by_name(env, "initial_state"), env.num_worlds, len(env.command_limits)
+    command: Any = tensors.get("command", getattr(env, "command", None))
     if limits and _shape(command) != (N, limits):
         raise _wrong(env, "command", command, f"a tensor ({N}, {limits}), as in command_limits")
     if _shape(command)[:1] == (N,):
         env.command = tensors["command"] = command
-    for name, value in tensors.items():
+    return State(tensors)
+
+
+class State(dict[str, Tensor]):
+    """Tensors by name that change in place only, because a recorded step keeps their addresses."""
+
+    def __setitem__(self, name: str, value: Tensor) -> None:
+        if value is not self.get(name):  # it is after `state["steps"] += 1`
+            raise MorlaxError(
+                f"state[{name!r}] cannot be replaced: declare it in initial_state(), and write "
+                f"into it, state[{name!r}].copy_(...)."
+            )
+
+
+def by_name(env: Any, method: str) -> dict[str, Tensor]:
+    """Return the tensors (N, ...) that `method` returns by name, in a new dictionary."""
+    values, N = getattr(env, method)(), env.num_worlds
+    if not isinstance(values, dict):
+        raise _wrong(env, f"{method}()", values, f"a dictionary of tensors ({N}, ...) by name")
+    for name, value in values.items():
         if _shape(value)[:1] != (N,):
-            what = f"initial_state()[{name!r}]"
+            what = f"{method}()[{name!r}]"
             raise _wrong(env, what, value, f"a tensor ({N}, ...), one row per world")
-    return tensors
+    return dict(values)
 
 
 class Unsaved:
@@ -126,18 +145,13 @@ def control(env: Any) -> None:
     before, sizes = ctrl.clone(), f"of shape {shape} into physics.ctrl of shape {_shape(ctrl)}"
     with user_code(f"{task}.apply() cannot turn actions {sizes}"):
         env.apply(torch.zeros(shape, dtype=torch.float32, device=env.device))
-    if env.physics.ctrl is not ctrl:
-        raise MorlaxError(
-            f"{task}.apply() rebinds physics.ctrl, which detaches it from the simulator: write "
-            "into it, physics.ctrl.copy_(...)."
-        )
     ctrl.copy_(before)
 
 
 def rewards(env: Any) -> None:
     """Check that `terms()` returns (N,) by name and `failed()` (N,) bool."""
     N, failed = env.num_worlds, env.failed()
-    for name, term in env.terms().items():
+    for name, term in by_name(env, "terms").items():
         if _shape(term) != (N,):
             raise _wrong(env, f"terms()[{name!r}]", term, f"a tensor ({N},), one number per world")
     if _shape(failed) != (N,) or failed.dtype != torch.bool:

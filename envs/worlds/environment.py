@@ -64,7 +64,8 @@ class Environment(Robot):
         self._unsaved = checks.Unsaved(self)
         self.state = checks.state(self)
         self._initial = {name: value.clone() for name, value in self.state.items()}
-        self.memory = {name: value.clone() for name, value in self.remember().items()}
+        remembered = checks.by_name(self, "remember").items()
+        self.memory = {name: value.clone() for name, value in remembered}
         self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
         self.privileged_size = checks.rows(self, "privileged", "P")

@@ -228,6 +228,7 @@ def test_a_declared_command_can_be_steered(folder):
         file.write("\n    def initial_state(self): return {'command': torch.zeros(2, 1)}\n")
     env = envs.make("crawler.py:Crawler", 2, "cpu")
     env.command[0] = 0.5
+    env.state["last"] += 1.0
     assert env.state_dict()["state.command"].tolist() == [[0.5], [0.0]]
 
 
@@ -267,13 +268,20 @@ def test_a_failing_file_gives_a_clear_error_and_can_be_fixed(folder, line):
 MISTAKES = {  # lines at the end of the class
     "def initial_qpos(self): return [0.0] * 4": "has type ndarray and shape (4,)",
     "def initial_qpos(self): return [float('nan')] * 5": "(5,), one finite number per qpos",
-    "def terms(self): return {'forward': np.zeros(3)}": "must be a tensor (3,)",
+    "def terms(self): return {'forward': np.zeros(3)}": "must be a tensor (3, ...)",
+    "def remember(self): self.x = 0": "remember() has type NoneType and shape (): it must be a",
+    "def initial_state(self): return {'x': 0.0}": "initial_state()['x'] has type float",
+    "def begin(self, fresh): self.physics.qpos = self.physics.qpos + 1": (
+        "physics.qpos is the simulator's own memory, which no other tensor can replace: write into"
+    ),
+    "def begin(self, fresh): self.state['x'] = fresh": "state['x'] cannot be replaced: declare it",
+    "class Options(TaskOptions.__base__): objectives: dict = {}": "be a subclass of TaskOptions",
     "substeps = 0.02 / 0.005": "Crawler.substeps is 4.0: it must be a whole number, at least",
     "def observe(self): return self.physics.qpos.T": "shape (5, 3): it must be a tensor (3, O)",
     "def apply(self, action): self.physics.ctrl.copy_(action[:, :1].repeat(1, 3))": (
         "apply() cannot turn actions of shape (3, 2) into physics.ctrl of shape (3, 2)"
     ),
-    "def apply(self, action): self.physics.ctrl = action": "apply() rebinds physics.ctrl",
+    "def apply(self, action): self.physics.ctrl = action": "physics.ctrl is the simulator's",
     "def layout(self): return [Part('all', 3, '')]": (
         "layout() names 3 numbers, but observe() gives 9"
     ),

@@ -214,8 +214,8 @@ class PagePhysics(MujocoPhysics):
     def __init__(self, model: mujoco.MjModel, substeps: int):
         super().__init__(model, 1, substeps)
         self._exact = {name: getattr(self, name).numpy() for name in ARRAYS if name != "sensors"}
-        for name, values in self.arrays.items():
-            setattr(self, name, values.to(torch.float32))
+        # around `__setattr__`, which refuses other tensors than the simulator's own
+        vars(self).update((name, x.to(torch.float32)) for name, x in self.arrays.items())
 
     @property
     def arrays(self) -> dict[str, Tensor]:
