@@ -306,7 +306,7 @@ class Environment(Robot):
             observation = observation + self._noise.now
         if privileged is not None:
             observation = torch.cat([observation, privileged], -1)
-        return observation.float()
+        return observation.to(torch.float32, copy=True)  # it may be the simulator's own memory
 
     def _restart(self, over: Tensor) -> None:
         starts = self.starts.draw(self.draws)

@@ -205,10 +205,10 @@ class Everything(Crowd):
         return {"go": self.physics.qvel[:, -1], "wait": self.physics.sensor("time")[:, 0]}
 
 
-def everything(backend: str) -> envs.Environment:
-    options, cpu = Everything.Options(), torch.device("cpu")
+def everything(backend: str, task: type[Everything] = Everything) -> envs.Environment:
+    options, cpu = task.Options(), torch.device("cpu")
     kind = {"auto_reset": True, "deterministic": False}
-    return Everything.build(options, 2, cpu, backend, 0, **kind)
+    return task.build(options, 2, cpu, backend, 0, **kind)
 
 
 def of_simulator(env: envs.Environment, field: str) -> Tensor:
@@ -241,6 +241,21 @@ def test_an_episode_starts_like_that_of_a_new_world(field, backend):
         else:
             env.reset()
         assert torch.equal(found, fresh), end
+
+
+class Bare(Everything):
+    """A task that observes nothing but the simulator's own memory."""
+
+    def observe(self) -> Tensor:
+        return self.physics.qpos
+
+
+def test_observations_do_not_change_with_the_worlds(backend):
+    env = everything(backend, Bare)
+    seen = [env.reset(), env.step(still(env) + 1).observation]
+    before = [values.clone() for values in seen]
+    env.step(still(env) + 1)
+    assert_same(seen, before)
 
 
 def test_episodes_repeat_themselves_and_resume_exactly(backend):
