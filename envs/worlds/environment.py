@@ -134,6 +134,13 @@ class Environment(Robot):
     @classmethod
     def model_for(cls, options: Any) -> mujoco.MjModel:
         """Return the model of this robot under `options`, of the class `Options`."""
+        home = {name: base for base in reversed(cls.__mro__) for name in vars(base)}
+        unseen = home["load_model"] is not Environment and home["load_spec"] is Environment
+        if cls.designs and unseen:
+            raise MorlaxError(
+                f"{cls.__name__} has designs, which change what load_spec returns: change the "
+                "model there, not in load_model."
+            )
         if cls.designs or options.design:
             return compiled(cls, options.design)[1]
         return cls.load_model()
@@ -206,7 +213,7 @@ class Environment(Robot):
         """
 
     def advance(self) -> None:
-        """Update task state after each physics step, before rewards."""
+        """Update task state after the physics of a control step, before rewards."""
 
     def privileged(self) -> Tensor | None:
         """Return features (N, P) that only critics see while training; None: there are none.

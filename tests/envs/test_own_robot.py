@@ -288,6 +288,9 @@ MISTAKES = {  # lines at the end of the class
     "command_limits = {'m/s': (-1, 1)}": (
         "Crawler.command has type NoneType and shape (): it must be a tensor (3, 1)"
     ),
+    "designs, load_model = {'arm': (1, 0, 2)}, classmethod(lambda cls: None)": (
+        "model there, not in load_model"
+    ),
     "del failed": "Crawler does not define failed, which every task needs.",
     "del model_file": "Crawler names no MJCF: give it a model_file.",
     "model_file = 'crawl.xml'": "MuJoCo cannot load",
