@@ -122,6 +122,10 @@ class GymnasiumWorlds(ForeignWorlds):
         self._episodes = list(range(self.num_worlds))
         with self._explained("its constructor"):
             self._envs = [self.make_one() for _ in self._episodes]
+        if len({id(env.unwrapped) for env in self._envs}) < self.num_worlds:
+            raise MorlaxError(
+                f"{self.name}: its worlds share one environment: make a new one at each call."
+            )
         self._space = self._envs[0].observation_space
         dt = getattr(self._envs[0].unwrapped, "dt", None)  # MuJoCo's environments have it
         if isinstance(dt, float) and dt > 0:

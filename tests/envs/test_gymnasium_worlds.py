@@ -283,6 +283,13 @@ def test_unsupported_spaces_are_rejected(member, space, sentence):
         envs.from_gymnasium(type("Other", (Point,), {member: space}))
 
 
+def test_worlds_that_would_share_an_environment_are_refused():
+    one = Point()
+    make = envs.from_gymnasium(lambda: gymnasium.wrappers.TimeLimit(one, 9), "points")
+    with pytest.raises(MorlaxError, match="points: its worlds share one environment"):
+        make(make.Options(), 2, torch.device("cpu"))
+
+
 def test_gymnasium_worlds_run_only_on_the_cpu():
     with pytest.raises(MorlaxError, match="runs only on the CPU"):
         envs.make(CAR, 2, "cpu", "warp")
