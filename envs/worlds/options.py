@@ -89,6 +89,7 @@ def check_objectives(names: Iterable[str]) -> None:
 
 
 Range = Annotated[tuple[Factor, Factor], AfterValidator(_ordered)]
+Limits = Annotated[tuple[float, float], AfterValidator(_ordered)]
 Steps = Annotated[tuple[Delay, Delay], AfterValidator(_ordered)]
 
 

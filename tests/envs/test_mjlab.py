@@ -168,6 +168,7 @@ MISTAKES = [
     ("mjlab:Mjlab-Velocity-Flat-Unitree-Go2", {}, "did you mean 'Mjlab-Velocity-Flat-Unitree-Go1'"),
     ("mjlab:Mjlab-Tracking-Flat-Unitree-G1", {}, "--task.motion-file FILE.npz"),
     (GO1, {"commands": {"twist.speed": (0.0, 1.0)}}, "range of the command twist 'speed'"),
+    (GO1, {"commands": {"twist.lin_vel_x": (1.0, 0.0)}}, "from the smaller to the larger"),
     (GO1, {"history": {"joint_pso": 2}}, "did you mean 'joint_pos'"),
     (GO1, {"history": {"*": 0}}, "observe nothing"),
 ]

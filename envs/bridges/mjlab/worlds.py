@@ -20,7 +20,7 @@ from ...devices import drawing_from, global_generator
 from ...errors import MorlaxError, unknown
 from ...physics import compiling
 from ...worlds.mirror import Mirror
-from ...worlds.options import Count, ObjectiveOptions, Objectives, Point
+from ...worlds.options import Count, Limits, ObjectiveOptions, Objectives, Point
 from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
 from . import following
 from .commands import MOTION, VELOCITY
@@ -47,7 +47,7 @@ class MjlabOptions(ObjectiveOptions):
 
     action_scale: PositiveFloat = 1.0
     """Factor on actions in [-1, 1]: those of mjlab have no bounds."""
-    commands: dict[str, tuple[float, float]] = {}
+    commands: dict[str, Limits] = {}
     """Ranges of commands by term and name, such as twist.lin_vel_x: [-1, 1]."""
     motion_file: MotionFile = ""
     """Motion to follow, for tasks that need one: in mjlab's npz format, or a CSV file whose columns
