@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from .errors import MorlaxError, unknown
+from .errors import MorlaxError, shortened, unknown
 from .naming import GYMNASIUM, MJLAB, is_file, offered, trust
 from .robots import TASKS
 
@@ -50,6 +50,8 @@ def get(name: str) -> "type[Worlds]":
     Raises:
         MorlaxError: there is no such task, or it cannot be loaded.
     """
+    if not isinstance(name, str):
+        raise MorlaxError(f"the name of a task must be a string, not {shortened(name)}.")
     trust(name)
     for prefix, home in _LIBRARIES.items():
         if name.startswith(prefix):

@@ -247,6 +247,8 @@ def test_an_unknown_class_or_file_gives_a_clear_error(folder):
         envs.get("crawler.py:Crawlr")
     with pytest.raises(MorlaxError, match="there is no file"):
         envs.get("nowhere.py:Crawler")
+    with pytest.raises(MorlaxError, match=r"must be a string, not .*crawler\.py"):
+        envs.make(folder / "crawler.py", 2, "cpu")
 
 
 FAILURES = {
