@@ -61,6 +61,7 @@ class Draft:
         """Return the text of a Python file that defines the class `name`."""
         template = Path(__file__).with_name("draft.jinja").read_text()
         made = jinja2.Template(template, trim_blocks=True, lstrip_blocks=True)
+        made.environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False}
         return made.render(vars(self), name=name, model_file=model_file)
 
     def _restart(self) -> None:

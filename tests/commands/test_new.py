@@ -117,7 +117,7 @@ def test_an_arm_holds_its_pose_and_reaches_for_targets_that_change(arm):
 
 
 PULLED = """
-<intvelocity tendon="pull" kp="9" actrange="-1 1"/></actuator>
+<intvelocity name="🦿" tendon="pull" kp="9" actrange="-1 1"/></actuator>
 <tendon><fixed name="pull"><joint joint="hip" coef="1"/></fixed></tendon>
 <keyframe><key name="home" qpos="0 0 0.5"/></keyframe><actuator>
 """
