@@ -61,12 +61,12 @@ class Environment(Robot):
         self.dt = physics.model.opt.timestep * self.substeps
         self.draws, self._seed = Draws(self.generator, self.num_worlds), seed
         self.starts = self.prepare_starts(seed)
+        self.action_size = self.count_actions()
         self._unsaved = checks.Unsaved(self)
         self.state = checks.state(self)
         self._initial = {name: value.clone() for name, value in self.state.items()}
         remembered = checks.by_name(self, "remember").items()
         self.memory = {name: value.clone() for name, value in remembered}
-        self.action_size = self.count_actions()
         self.observation_size = checks.rows(self, "observe", "O")
         self.privileged_size = checks.rows(self, "privileged", "P")
         checks.sizes(self)
