@@ -3,7 +3,7 @@
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import pydantic
 from pydantic import Field, PositiveFloat, ValidationInfo
@@ -201,6 +201,8 @@ class Config(Section):
 
     def check_protocol(self, protocol: Protocol) -> None:
         """Raise MorlaxError if the task's worlds cannot be evaluated by a protocol."""
+        if protocol not in get_args(Protocol):  # from Python
+            raise unknown("protocol", protocol, get_args(Protocol))
         if protocol == "paper" and not envs.get(self.env).may_recover:
             raise MorlaxError(
                 "the protocol paper goes on after a failure, but episodes of "

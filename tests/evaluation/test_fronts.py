@@ -200,6 +200,8 @@ def test_evaluate_and_pack_use_the_run_s_own_protocol(discounted, workplace):
     shutil.copy(folder / "front.npz", file)
     with pytest.raises(MorlaxError, match="or of another protocol: write"):
         load_front(discounted)
+    with pytest.raises(MorlaxError, match="unknown protocol 'Paper': did you mean 'paper'"):
+        evaluate(discounted, protocol="Paper", device="cpu")
 
 
 def test_choose_counts_returns_by_the_run_s_own_protocol(discounted):
