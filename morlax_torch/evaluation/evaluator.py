@@ -175,6 +175,7 @@ class Evaluator:
         values = []
         for window in windows:
             start, end = (min(round(seconds / self.period), last) for seconds in window)
+            end = max(end, min(start + 1, last))  # half periods round to even numbers
             values.append(self._values(rows[end] - rows[start]))
         return np.stack(values), front.falls
 

@@ -94,11 +94,11 @@ def test_quantities_of_a_window_are_those_of_its_steps(tmp_path):
     env = envs.make("walking", 1, "cpu", auto_reset=False)
     evaluator = Evaluator(policy.agent, env, torch.tensor([[1.0, 0.0]]))
     times, corners = np.array([0.0, 1.5, 1.6, 4.0]), np.eye(2)[[0, 0, 1, 1]]
-    windows = [(0.0, 1.5), (2.0, 3.0), (0.0, 3.5)]
+    windows = [(0.0, 1.5), (2.0, 3.0), (0.0, 3.5), (0.75, 1.25)]  # the last between steps
     values, falls = evaluator.follow(Schedule(times, corners[None]).at, windows)
     first, second = PLACES[:, 0].tolist()
     speeds = values[:, 0, -1]
-    np.testing.assert_allclose(speeds[:2], [first, second], atol=1e-5)
+    np.testing.assert_allclose(speeds[[0, 1, 3]], [first, second, first], atol=1e-5)
     assert values[2, 0, 0] > values[0, 0, 0] and falls.tolist() == [1.0]
 
 
