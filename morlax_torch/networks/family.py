@@ -8,7 +8,7 @@ import copy
 import threading
 from abc import ABC, abstractmethod
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import torch
 from torch import Tensor, nn
@@ -154,6 +154,11 @@ class Generated(nn.Module, ABC):
     def target(self) -> nn.Module:
         """The module whose parameters are generated."""
         return self._target.original
+
+    def train(self, mode: bool = True) -> Self:
+        """Set whether dropout and its like are active, as `nn.Module.train`; so does `eval`."""
+        self._target = PerThread(self.target.train(mode))
+        return super().train(mode)
 
     @abstractmethod
     def flat(self, conditions: Tensor) -> Tensor:

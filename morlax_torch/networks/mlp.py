@@ -136,12 +136,15 @@ def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> N
             ".float()."
         )
     rows, network = first.new_zeros(1, 2, inputs), copy.deepcopy(network)
+    random = "error" if name == "actor" else "different"  # policies are deterministic
     before = [(id(buffer), buffer._version) for buffer in network.buffers()]
     try:
         with torch.no_grad():
-            output = vmap(network, randomness="different")(rows)  # as a family runs it
+            output = vmap(network, randomness=random)(rows)  # as a family runs it
     except RuntimeError as error:
         reason = str(error).splitlines()[0]
+        if "random operation" in reason:
+            reason = "it draws random numbers, as dropout does: pass it after .eval()."
         raise MorlaxError(f"the {name} cannot take observations (2, {inputs}): {reason}") from None
     try:
         copy.deepcopy(network)  # fails if the network holds tensors of inside vmap

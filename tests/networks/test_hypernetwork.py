@@ -118,6 +118,14 @@ def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
         torch.testing.assert_close(member(*(x[k] for x in inputs)), outputs[k])
 
 
+def test_dropout_is_active_in_training_alone():
+    family = Hypernetwork(nn.Sequential(nn.Linear(3, 20), nn.Dropout()), num_objectives=M)
+    for training in (True, False):
+        outputs = family.train(training).run(family(TRADEOFFS), torch.ones(K, B, 3))
+        for output in (outputs, family.specialize(TRADEOFFS[0])(torch.ones(B, 3))):
+            assert (output == 0).any() == training
+
+
 def test_all_parameters_get_a_gradient_but_the_features_of_a_zero_affine_map(target, inputs):
     for scale in (0.5, 0.0):
         family = family_of(target, scale)

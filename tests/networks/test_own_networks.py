@@ -59,6 +59,7 @@ MISFITS = {
     },
     r"the actor cannot take observations \(2, 13\): .*13.*17": {"actor": nn.Linear(17, 2 * A)},
     "the actor has no parameters": {"actor": nn.Identity()},
+    "it draws random numbers": {"actor": nn.Sequential(nn.Linear(O, 2 * A), nn.Dropout())},
     r"the actor has parameters of torch\.float64, .*: use \.float\(\)": {
         "actor": nn.Linear(O, 2 * A, dtype=torch.float64)
     },
