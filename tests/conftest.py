@@ -65,15 +65,17 @@ def independent(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def dtypes() -> Iterator[Iterator[torch.dtype]]:
-    """Iterate over torch's default dtypes, each of which is set meanwhile."""
+    """Iterate over torch's default dtypes, each of which is set meanwhile, with a device."""
 
     def each() -> Iterator[torch.dtype]:
-        for dtype in (torch.float32, torch.float64):
+        for dtype, device in ((torch.float32, "cpu"), (torch.float64, "meta")):
             torch.set_default_dtype(dtype)
+            torch.set_default_device(device)
             yield dtype
 
     yield each()
     torch.set_default_dtype(torch.float32)
+    torch.set_default_device(None)
 
 
 def pytest_collection_finish() -> None:

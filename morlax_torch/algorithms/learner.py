@@ -20,12 +20,13 @@ from .rollout import Episodes, Rollout
 
 def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
     """Return a new agent for the worlds, on their device; `networks` are arguments of `Agent`."""
-    if config.network.symmetric:
-        # a tolerance only if there is one: tasks may override `mirror` without
-        tolerance = config.network.symmetry_tolerance
-        networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
     generator = torch.Generator().manual_seed(config.seed)
-    return Agent(config, env, generator, **networks).to(env.device)
+    with torch.device("cpu"):  # whatever a user's script has set as the default
+        if config.network.symmetric:
+            # a tolerance only if there is one: tasks may override `mirror` without
+            tolerance = config.network.symmetry_tolerance
+            networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
+        return Agent(config, env, generator, **networks).to(env.device)
 
 
 @torch.no_grad()

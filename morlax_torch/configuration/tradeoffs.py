@@ -70,10 +70,10 @@ def even_tradeoffs(number: int, num_objectives: int) -> Tensor:
     """
     _check_number(number, num_objectives)
     if num_objectives == 2:
-        first = torch.linspace(0, 1, number, dtype=torch.float32)
+        first = torch.linspace(0, 1, number, dtype=torch.float32, device="cpu")
         return torch.stack([first, 1 - first], -1)
     lattice = _lattice(number, num_objectives)
-    chosen = list(torch.eye(num_objectives, dtype=torch.float64))
+    chosen = list(torch.eye(num_objectives, dtype=torch.float64, device="cpu"))
     distance = torch.cdist(lattice, torch.stack(chosen)).amin(1)
     while len(chosen) < number:
         chosen.append(lattice[distance.argmax()])
@@ -89,8 +89,8 @@ def _lattice(number: int, num_objectives: int) -> Tensor:
     m = H = num_objectives
     while math.comb(H + m - 1, m - 1) < 8 * number:
         H += m
-    bars = torch.combinations(torch.arange(H + m - 1), m - 1)
-    ends = torch.full((len(bars), 1), H + m - 1)
+    bars = torch.combinations(torch.arange(H + m - 1, device="cpu"), m - 1)
+    ends = bars.new_full((len(bars), 1), H + m - 1)
     counts = torch.diff(torch.cat([ends * 0 - 1, bars, ends], 1)) - 1
     return counts.double() / H
 
@@ -119,7 +119,7 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
     _check_number(number, num_objectives)
     if num_objectives == 2:
         return even_tradeoffs(number, num_objectives)
-    corners = torch.eye(num_objectives, dtype=torch.float32)
+    corners = torch.eye(num_objectives, dtype=torch.float32, device="cpu")
     return torch.cat([corners, dirichlet_tradeoffs(number - num_objectives, num_objectives)])
 
 

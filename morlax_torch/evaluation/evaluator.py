@@ -77,7 +77,7 @@ class Evaluator:
             raise ValueError("an evaluator needs a world per episode, and auto_reset=False")
         agent.check_sizes(env)
         # common random numbers: a trade-off's k-th episode draws what that of another one draws
-        episodes = torch.arange(len(self._points) * sets) // (len(self._points) // seeds)
+        episodes = torch.arange(len(self._points) * sets, device="cpu") // self.number
         env.share_draws(episodes[group.rank :: group.size], SETS * seeds)
         self.agent, self.env, self._group = agent, env, group
         self.protocol: Protocol = protocol
@@ -323,7 +323,7 @@ def make_evaluator(
         if bodies > 1:
             assert isinstance(env, Environment)
             points = points.repeat(bodies, 1)
-            rows = torch.arange(bodies).repeat_interleave(tradeoffs)
+            rows = torch.arange(bodies, device="cpu").repeat_interleave(tradeoffs)
             designs = held_out(env, bodies)
             if not embody(env, designs, share(rows[:, None], seeds * sets, group)[:, 0]).all():
                 raise MorlaxError(f"not all of {bodies} designs to evaluate with make a body.")

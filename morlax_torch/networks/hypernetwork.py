@@ -55,11 +55,13 @@ class Hypernetwork(Generated):
             raise MorlaxError(f"num_objectives is {num_objectives}: it must be at least 1.")
         self._inputs = inputs = num_objectives + context_size
         start = torch.cat([p.detach().flatten() for p in target.parameters()])
-        self.features = features or mlp(inputs, hidden_sizes, num_features, generator, start.dtype)
+        features = features or mlp(inputs, hidden_sizes, num_features, generator, start.dtype)
+        self.features = features.to(start.device)
         self._num_objectives = num_objectives
         self._features_mlp = mlp_sizes(self.features)
-        weight = torch.empty(len(start), num_features, dtype=start.dtype)
-        self.weight = nn.Parameter(nn.init.uniform_(weight, -scale, scale, generator))  # M
+        weight = torch.empty(len(start), num_features, device="cpu", dtype=start.dtype)
+        nn.init.uniform_(weight, -scale, scale, generator)
+        self.weight = nn.Parameter(weight.to(start.device))  # M
         self.bias = nn.Parameter(start)
 
     def flat(self, conditions: Tensor) -> Tensor:

@@ -39,11 +39,11 @@ def mlp(
     """
     layers: list[nn.Module] = []
     for before, after in pairwise([inputs, *hidden, outputs]):
-        linear = Linear(before, after, dtype=dtype)
+        linear = Linear(before, after, device="cpu", dtype=dtype)
         bound = math.sqrt(3 / before)
         nn.init.uniform_(linear.weight, -bound, bound, generator)
         nn.init.zeros_(linear.bias)
-        norms = [nn.LayerNorm(after, dtype=dtype)] if normalized else []
+        norms = [nn.LayerNorm(after, device="cpu", dtype=dtype)] if normalized else []
         layers += [linear, *norms, nn.SiLU()]
     return nn.Sequential(*layers[: -2 if normalized else -1])
 

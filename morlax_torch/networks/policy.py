@@ -36,7 +36,7 @@ class Policy(nn.Module):
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
         # `.to`, `.cuda` and their like move all tensors so
-        dtype = fn(torch.zeros((), dtype=torch.float32)).dtype
+        dtype = fn(torch.zeros((), dtype=torch.float32, device="cpu")).dtype
         if dtype != torch.float32:
             raise MorlaxError(
                 f"policies compute in float32, not {dtype}: convert their actions, or the policy "

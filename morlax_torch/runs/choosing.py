@@ -170,7 +170,7 @@ class Chooser:
         if not self._random or self._evaluator is None:
             return int(ranked[0]), values[ranked[0]], float(values[free, required.maximized])
         agent, env, protocol = self._evaluator.agent, self._evaluator.env, self._evaluator.protocol
-        points = torch.ones(FINALISTS, len(required.objectives), dtype=torch.float32)
+        points = torch.ones(FINALISTS, len(required.objectives), dtype=torch.float32, device="cpu")
         seeds = env.num_worlds // FINALISTS
         evaluator = Evaluator(agent, env, points, protocol, self._seed + 1, seeds, alone=True)
         evaluator.compile()
@@ -353,7 +353,7 @@ def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str
         try:
             changed = Policy(policy.agent, config, policy.objectives)
             evaluator = simulator(changed, 1, episodes, seed)
-            evaluator.retarget(torch.tensor([tradeoff], dtype=torch.float32))
+            evaluator.retarget(torch.from_numpy(np.array([tradeoff], np.float32)))
             front = evaluator.evaluate()
         except MorlaxError:  # worlds of this task cannot differ in this
             if name == USUAL:
@@ -378,6 +378,7 @@ def simulator(
     device = str(policy.agent.observation_normalizer.mean.device)
     config = policy.config.model_copy(update={"device": device, "backend": None})
     env = evaluation_worlds(config, tradeoffs, seeds, seed)
-    points = torch.ones(tradeoffs, len(policy.objectives), dtype=torch.float32)  # others follow
+    # others follow
+    points = torch.ones(tradeoffs, len(policy.objectives), dtype=torch.float32, device="cpu")
     protocol = config.evaluation.protocol
     return Evaluator(policy.agent, env, points, protocol, seed, seeds, alone=alone)

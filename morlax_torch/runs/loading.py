@@ -123,7 +123,8 @@ def load(
     config = checkpoint.read_config(contents, path)
     task, networks = contents.environment, dict(contents.own_networks)
     make = RslRlAgent if isinstance(config.method, RslRlOptions) else Agent
-    agent = make(config, task, actor=actor)
+    with torch.device("cpu"):  # whatever a user's script has set as the default
+        agent = make(config, task, actor=actor)
     state, complete = contents.agent, contents.policy is None
     if networks.pop("critic", None):  # a user's critic, which policies do not need
         state = {name: value for name, value in state.items() if not name.startswith("critic.")}

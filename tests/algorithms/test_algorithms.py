@@ -125,7 +125,7 @@ def test_resuming_continues_exactly(algorithm, changes):
     ],
     ids=str,
 )
-def test_the_default_dtype_changes_no_number(algorithm, changes, dtypes):
+def test_torch_s_defaults_change_no_number(algorithm, changes, dtypes):
     results = []
     for _ in dtypes:
         learner = trained(tiny(algorithm=algorithm, **changes), 3)

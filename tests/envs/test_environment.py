@@ -51,12 +51,12 @@ def test_actions_of_another_shape_or_type_are_one_sentence():
     env.step(torch.zeros(2, A, dtype=torch.float64))
 
 
-def test_the_default_dtype_changes_no_step(backend, dtypes):
+def test_torch_s_defaults_change_no_step(backend, dtypes):
     steps = []
     for _ in dtypes:
         random = {"friction": (0.5, 1.5), "push": 0.5, "push_every": 2, "action_delay": (0, 2)}
         env = make("ant", backend, reset_noise=0.01, randomization=random)
-        action = torch.full((3, env.action_size), 0.3)
+        action = torch.full((3, env.action_size), 0.3, device="cpu")
         steps.append([list(env.step(action)[:5]) for _ in range(5)])
     assert_same(*steps)
     assert steps[1][-1][1].dtype == torch.float32

@@ -206,7 +206,8 @@ def test_evaluate_and_pack_use_the_run_s_own_protocol(discounted, workplace):
 
 def test_choose_counts_returns_by_the_run_s_own_protocol(discounted):
     least = float(np.median(load_front(discounted).returns[:, 0]))
-    choice = choice_of(discounted, {"run": least}, "jump", device="cpu")
+    with torch.device("meta"):  # as a user's default
+        choice = choice_of(discounted, {"run": least}, "jump", device="cpu")
     policy = load(discounted, "cpu")
     env, point = evaluation_worlds(policy.config, 1, 1), torch.tensor([choice.tradeoff])
     again = Evaluator(policy.agent, env, point, "discounted", alone=True).evaluate()

@@ -145,11 +145,11 @@ def test_threads_can_share_a_policy(observation, tmp_path, monkeypatch, changes)
         assert torch.equal(morlax_torch.load(tmp_path / "policy.pt")(observation, w), expected[k])
 
 
-def test_the_default_dtype_changes_no_action(dtypes):
+def test_torch_s_defaults_change_no_action(dtypes):
     actions = []
     for _ in dtypes:
         policy = morlax_torch.load("cheetah")
-        seen = torch.linspace(-3, 3, 17, dtype=torch.float32)
+        seen = torch.linspace(-3, 3, 17, dtype=torch.float32, device="cpu")
         seen = [seen, seen.tolist(), seen.double()]  # a list of the default dtype
         actions.append([policy(x, w) for x in seen for w in ((1, 1), [0.3, 0.7])])
         actions[-1] += [policy.specialize((0.3, 0.7))(seen[0])]
