@@ -125,8 +125,8 @@ def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
 
 def typical_tradeoffs(num_objectives: int) -> Tensor:
     """Return the corners and, in their middle, the balanced trade-off, (m + 1, m)."""
-    corners, middle = torch.eye(num_objectives, dtype=torch.float32), num_objectives // 2
-    balanced = torch.full((1, num_objectives), 1 / num_objectives, dtype=torch.float32)
+    corners = torch.eye(num_objectives, dtype=torch.float32, device="cpu")
+    balanced, middle = corners.mean(0, keepdim=True), num_objectives // 2
     return torch.cat([corners[:middle], balanced, corners[middle:]])
 
 

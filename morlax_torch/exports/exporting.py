@@ -83,7 +83,7 @@ def export(
     metadata = {**manifest(policy, tradeoff, robot), **(metadata or {})}
     phase("exporting the policy")
     any_rows = ({0: torch.export.Dim("batch")}, {})[:count]
-    with quiet(), torch.no_grad():
+    with quiet(), torch.no_grad(), torch.device("cpu"):  # whatever the default is
         program = torch.export.export(module, inputs[0], dynamic_shapes=any_rows)
         data = FORMATS[format].write(program.run_decompositions({}), metadata)
         run = FORMATS[format].read(data)
@@ -100,7 +100,7 @@ def export(
 def _samples(policy: Policy, rows: int) -> tuple[Tensor, Tensor]:
     """Draw observations (rows, O) as in training, and a trade-off (m,)."""
     agent, shape = policy.agent, (rows, policy.agent.observation_size)
-    noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32)
+    noise = torch.randn(shape, generator=torch.Generator(), dtype=torch.float32, device="cpu")
     # a different one for each number of rows
     tradeoff = dirichlet_tradeoffs(1, len(policy.objectives), seed=rows)[0]
     return agent.observation_normalizer.inverse(noise), tradeoff
@@ -174,7 +174,7 @@ def control(env: Robot) -> dict[str, list[float]] | None:
     another form.
     """
     if (scales := env.scales()) is not None:
-        scale, offset = (torch.tensor(values, dtype=torch.float32) for values in scales)
+        scale, offset = torch.tensor(scales, dtype=torch.float32, device="cpu")
         low, high = offset - scale.abs(), offset + scale.abs()
     elif not isinstance(env, Environment) or env.action_size != env.physics.model.nu:
         return None
@@ -184,12 +184,12 @@ def control(env: Robot) -> dict[str, list[float]] | None:
             env.apply(action.expand(1, env.action_size))
             return env.physics.ctrl[0].clone()
 
-        probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32)
+        probes = torch.tensor([0.0, -1.0, 1.0, STEP], dtype=torch.float32, device="cpu")
         offset, one_end, other_end, near = map(control_of, probes)
         low, high = torch.minimum(one_end, other_end), torch.maximum(one_end, other_end)
         scale = (near - offset) / STEP
-        draws = torch.rand(64, env.action_size, generator=torch.Generator(), dtype=torch.float32)
-        for action in 2 * draws - 1:
+        draws = torch.empty(64, env.action_size, dtype=torch.float32, device="cpu")
+        for action in draws.uniform_(-1, 1, generator=torch.Generator()):
             expected = (offset + scale * action).clamp(low, high)
             if not torch.allclose(control_of(action), expected, atol=1e-5):
                 return None

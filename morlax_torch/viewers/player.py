@@ -43,11 +43,11 @@ class Player:
 
     def _use(self, tradeoff: Sequence[float]) -> None:
         self._network = self.policy.specialize(tradeoff)
-        self._tradeoff = torch.as_tensor(tradeoff, dtype=torch.float32)
+        self._tradeoff = torch.as_tensor(tradeoff, dtype=torch.float32, device="cpu")
 
     def reset(self) -> None:
         self.observation = self.env.reset()
-        self.returns = torch.zeros(len(self.env.objectives), dtype=torch.float32)
+        self.returns = torch.zeros(len(self.env.objectives), dtype=torch.float32, device="cpu")
         self.steps, self.over = 0, False
         self.place()
 
