@@ -70,13 +70,18 @@ def _packaged(name: str, device_type: str, env: str = "") -> dict[str, Any]:
 
 
 def file_values(
-    path: Path, device_type: str, env: str | None = None, algorithm: str | None = None
+    path: Path,
+    device_type: str,
+    env: str | None = None,
+    algorithm: str | None = None,
+    all_gpus: bool = False,
 ) -> dict[str, Any]:
     """Return the values of a YAML file for "cuda" or "cpu" over those of its task and algorithm.
 
     `env` and `algorithm` are those of the command line; another task may use the file's values.
+    `all_gpus` applies the whole section `gpus`, to check it.
     """
-    values = _fitted(_over_base(read_yaml(path)), device_type)
+    values = _fitted(_over_base(read_yaml(path)), device_type, all_gpus)
     if algorithm is not None and values.setdefault("algorithm", algorithm) != algorithm:
         raise MorlaxError(
             f"{path} is for algorithm {values['algorithm']!r}, but --algorithm says {algorithm!r}."
@@ -140,14 +145,14 @@ class _Devices(BaseModel):
     gpus: dict[Annotated[int, Field(ge=2)], dict[str, Any]] | None = None
 
 
-def _fitted(values: dict[str, Any], device_type: str) -> dict[str, Any]:
+def _fitted(values: dict[str, Any], device_type: str, all_gpus: bool = False) -> dict[str, Any]:
     """Apply the section `cpu` without a GPU, and the changes in `gpus` for this number of GPUs."""
     devices = validated(_Devices, values)
     values = {name: value for name, value in values.items() if name not in _Devices.model_fields}
     if device_type == "cpu":
         return merged(values, devices.cpu or {})
     for number, changes in sorted((devices.gpus or {}).items()):
-        if number <= PROCESSES:
+        if all_gpus or number <= PROCESSES:
             values = merged(values, changes)
     return values
 

@@ -129,6 +129,7 @@ UNREADABLE = {
     "the same key twice": ("env: ant\nseed: 1\nseed: 2\n", "the key seed appears twice"),
     "no base": ("env: ant\nbase: x\n", "there is no configs/x.yaml"),
     "one GPU": ("env: ant\ngpus: {1: {seed: 2}}\n", "gpus.1.*greater than or equal to 2"),
+    "a key for more GPUs than here": ("env: ant\ngpus: {8: {sed: 2}}\n", "mean 'seed'"),
     "deep nesting": ("a: " + "[" * 2000 + "]" * 2000, "is nested too deeply"),
     "binary": ("env: \0", "is not valid YAML"),
     "doubling": (
@@ -192,5 +193,5 @@ def test_unreadable_files_are_refused_in_one_sentence(name, tmp_path):
     text, expected = UNREADABLE[name]
     (tmp_path / "x.yaml").write_text(text)
     with pytest.raises(MorlaxError, match=expected) as error:
-        load_config(file_values(tmp_path / "x.yaml", "cpu"))
+        read(["--config", str(tmp_path / "x.yaml"), "--device", "cpu"])
     assert "\n" not in str(error.value) and len(str(error.value)) < 2000

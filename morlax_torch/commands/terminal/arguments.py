@@ -234,6 +234,8 @@ def _base_values(start: Train) -> dict[str, Any]:
     if start.config is None:
         values = task_values(str(start.env), device_type, start.algorithm or "morlax")
     else:
+        for kind in ("cpu", "cuda"):  # also what only another machine would use
+            load_config(file_values(start.config, kind, start.env, start.algorithm, True), DRAFT)
         values = file_values(start.config, device_type, start.env, start.algorithm)
         env = read_yaml(start.config).get("env")
         if start.env and isinstance(env, str) and absolute(env) != absolute(start.env):
