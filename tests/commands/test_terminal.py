@@ -98,13 +98,17 @@ def test_a_run_of_seconds_says_that_it_is_evaluated_only_at_its_end(tmp_path, ca
     assert float(row["train_seconds"]) >= 0.1 and row["best"] == "1"
 
 
-def test_training_tells_that_no_policy_exceeds_the_reference_point(tmp_path, capsys):
-    said = "No policy exceeds the reference point"
+def test_training_tells_once_what_may_help(tmp_path, capsys, monkeypatch):
+    said, hint = "No policy exceeds the reference point", "--algorithm hyper-sac may find a front"
+    monkeypatch.setattr(display, "SLOW", 0.0)
     command(["train", "--env", "cheetah", *SMALL[2:], "--output", str(tmp_path / "cheetah")])
-    assert said not in capsys.readouterr().out
+    usual = capsys.readouterr().out
+    assert said not in usual and hint not in usual
+    monkeypatch.setattr(display, "SLOW", 1e9)
     option = "--task.reference-point", "0", "4e4", "--output", str(tmp_path / "hopper")
     command(["train", "--env", "hopper", *SMALL[2:], *option])
     lines = capsys.readouterr().out.splitlines()
+    assert sum(hint in line for line in lines) == 1
     first, last = (place for place, line in enumerate(lines) if said in line)
     assert "(run 0, jump 40000)" in lines[first] and "--task.reference-point 0 " in lines[first]
     assert lines[last - 1].startswith("done: ")
