@@ -78,7 +78,8 @@ class Physics(ABC):
     parts: dict[str, tuple[Tensor, Tensor]] = {}
 
     def __setattr__(self, name: str, value: object) -> None:
-        if isinstance(known := getattr(self, name, None), Tensor) and value is not known:
+        current = getattr(self, name, None)
+        if isinstance(current, Tensor) and value is not current:
             raise MorlaxError(
                 f"physics.{name} is the simulator's own memory, which no other tensor can replace: "
                 f"write into it, physics.{name}.copy_(...)."
