@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from functools import partial
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,23 +18,11 @@ CHECKED = 100  # first steps with a check; a host that clips rewards may clip no
 APART = "termination"  # a term that legged_gym keeps out of its list of functions
 
 
-class Terms(Protocol):
-    """The reward terms of N worlds, as the host pays them: with its weights and its time step."""
-
-    weights: dict[str, float]
-    """The host's weight of every term; 0.0: it does not pay the term."""
-
-    def watch(self, name: str) -> float:
-        """Let the host compute a term that it does not pay; returns what to multiply it by."""
-        ...
-
-    def read(self) -> Tensor:
-        """Return the terms (N, t) of the last step, in the order of `weights`."""
-        ...
-
-
 class ManagerTerms:
-    """The terms of a reward manager, as in mjlab and Isaac Lab."""
+    """The terms of a reward manager, as in mjlab and Isaac Lab.
+
+    `weights` are the host's, of every term by name; 0.0: it does not pay the term.
+    """
 
     def __init__(self, env: Any):
         self._env, self._manager = env, env.reward_manager
@@ -45,10 +33,12 @@ class ManagerTerms:
         self._time_step = env.step_dt if scaled else 1.0
 
     def watch(self, name: str) -> float:
+        """Let the host compute a term that it does not pay; returns what to multiply it by."""
         self._configs[name].weight = WATCHED
         return 1 / WATCHED
 
     def read(self) -> Tensor:
+        """Return the terms (N, t) of the last step, as paid, in the order of `weights`."""
         return self._manager._step_reward * self._time_step
 
 
@@ -99,6 +89,9 @@ class CalledTerms:
     def read(self) -> Tensor:
         values = self._read()
         return torch.stack([values[name] for name in self.weights], -1)
+
+
+Terms = ManagerTerms | FunctionTerms | CalledTerms
 
 
 def terms_of(env: Any, reader: str | None = None) -> Terms:
