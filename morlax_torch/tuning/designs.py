@@ -21,7 +21,7 @@ from ..host.phases import phase
 from ..networks.policy import Policy
 from ..runs.loading import save
 from ..runs.references import copy_files
-from .evolution import FloatDistribution, TrialState, evolution, generation
+from .evolution import evolve
 
 BATCH = {"cuda": 32_768, "cpu": 2048}  # policies that are simulated together
 
@@ -95,27 +95,22 @@ class Designer:
     def refine(self, start: Simulated, rounds: int, population: int, seed: int) -> Simulated:
         """Return what generations of NSGA-II simulate, from the front of simulated policies."""
         m = len(self.policy.objectives)
-        ranges = {
-            name: FloatDistribution(each.low, each.high)
-            for name, each in self.space.parameters.items()
-        }
-        ranges |= {f"weight of {x}": FloatDistribution(0, 1) for x in self.policy.objectives}
+        ranges = {name: (each.low, each.high) for name, each in self.space.parameters.items()}
+        ranges |= {f"weight of {name}": (0.0, 1.0) for name in self.policy.objectives}
         finite = np.flatnonzero(np.isfinite(start.returns).all(1))
         ranks = moocore.pareto_rank(start.returns[finite], maximise=True)
         best = finite[ranks.argsort(kind="stable")]
         starts = np.hstack([start.designs[best], start.tradeoffs[best]])
-        study = evolution(ranges, starts, m, population, seed)
         simulated = start.rows(np.zeros(0, dtype=int))
-        for _ in range(rounds):
-            trials, drawn = generation(study, ranges, population)
+
+        def score(drawn: np.ndarray) -> np.ndarray:
+            nonlocal simulated
             designs, weights = drawn[:, :-m], drawn[:, -m:].clip(min=1e-6)
             new = self.simulate(designs, weights / weights.sum(1, keepdims=True))
-            for trial, returns in zip(trials, new.returns, strict=True):
-                if np.isfinite(returns).all():
-                    study.tell(trial, returns.tolist())
-                else:
-                    study.tell(trial, state=TrialState.FAIL)
             simulated = simulated.joined(new)
+            return new.returns
+
+        evolve(ranges, starts, m, population, rounds, seed, score)
         return simulated
 
     def hypervolume(self, simulated: Simulated) -> float:

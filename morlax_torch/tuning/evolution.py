@@ -1,6 +1,6 @@
-"""Generations of NSGA-II, by Optuna."""
+"""NSGA-II, by Optuna."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -10,7 +10,7 @@ try:
     import optuna
     from optuna.distributions import FloatDistribution
     from optuna.study import StudyDirection
-    from optuna.trial import TrialState as TrialState
+    from optuna.trial import TrialState
 except ImportError as error:
     needed = f"this search needs {error.name}, which is not installed: {installation('optuna')}."
     raise MorlaxError(needed) from None
@@ -18,28 +18,34 @@ except ImportError as error:
 optuna.logging.set_verbosity(optuna.logging.ERROR)
 
 
-def evolution(
-    ranges: Mapping[str, FloatDistribution],
+def evolve(
+    ranges: Mapping[str, tuple[float, float]],
     starts: np.ndarray,
     objectives: int,
     population: int,
+    generations: int,
     seed: int,
-) -> optuna.Study:
-    """Return a study of NSGA-II, whose first generation has the first of the starts (k, d)."""
+    score: Callable[[np.ndarray], np.ndarray],
+) -> None:
+    """Run NSGA-II on d numbers within ranges; the first generation has the first of starts (k, d).
+
+    `score` maps a generation (population, d) to scores (population, objectives) to maximize; those
+    that are not finite have failed.
+    """
     limited = seed % 2**32  # as numpy's RandomState takes it
     sampler = optuna.samplers.NSGAIISampler(population_size=population, seed=limited)
+    space = {name: FloatDistribution(*limits) for name, limits in ranges.items()}
     directions = [StudyDirection.MAXIMIZE] * objectives
     study = optuna.create_study(directions=directions, sampler=sampler)
     for start in starts[:population].tolist():
         study.enqueue_trial(dict(zip(ranges, start, strict=True)))
-    return study
-
-
-def generation(
-    study: optuna.Study, ranges: Mapping[str, FloatDistribution], population: int
-) -> tuple[list[optuna.Trial], np.ndarray]:
-    """Return the next trials of an evolution, and their values (population, d)."""
-    trials = [study.ask({**ranges}) for _ in range(population)]
-    for trial in trials:
-        _ = trial.relative_params  # else Optuna 5 leaves queued trials out of the population
-    return trials, np.array([[trial.params[name] for name in ranges] for trial in trials])
+    for _ in range(generations):
+        trials = [study.ask({**space}) for _ in range(population)]
+        for trial in trials:
+            _ = trial.relative_params  # else Optuna 5 leaves queued trials out of the population
+        drawn = np.array([[trial.params[name] for name in ranges] for trial in trials])
+        for trial, scores in zip(trials, score(drawn), strict=True):
+            if np.isfinite(scores).all():
+                study.tell(trial, scores.tolist())
+            else:
+                study.tell(trial, state=TrialState.FAIL)

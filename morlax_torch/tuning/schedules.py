@@ -12,7 +12,7 @@ from ..evaluation.requirements import Requirements, index_of
 from ..host.phases import within
 from ..networks.policy import Policy
 from ..runs.choosing import RANDOM_MARGIN, rounded, simulator
-from .evolution import FloatDistribution, evolution, generation
+from .evolution import evolve
 
 POPULATION = 64  # trade-offs over time that are simulated together
 ROUNDS = {"constant": 4, "over time": 20}  # generations, after the policies of the front
@@ -169,15 +169,15 @@ class Scheduler:
     def _refined(self, kind: str, starts: np.ndarray) -> Simulated:
         """Simulate generations of NSGA-II from weights (n, k, m); those of constant have k = 1."""
         _, k, m = starts.shape
-        ranges = {f"weight {i}": FloatDistribution(0, 1) for i in range(k * m)}
-        study = evolution(ranges, starts.reshape(len(starts), -1), 1, POPULATION, self._seed)
-        generations = []
-        for number in range(ROUNDS[kind]):
-            trials, drawn = generation(study, ranges, POPULATION)
+        ranges = {f"weight {i}": (0.0, 1.0) for i in range(k * m)}
+        generations: list[Simulated] = []
+
+        def score(drawn: np.ndarray) -> np.ndarray:
             weights = drawn.reshape(-1, k, m).repeat(len(self._times) // k, 1)
-            with within(f"{kind}, round {number + 1} of {ROUNDS[kind]}"):
+            with within(f"{kind}, round {len(generations) + 1} of {ROUNDS[kind]}"):
                 generations.append(self._simulate(self._limited(weights)))
-            scores = self._scores(generations[-1].values).clip(-10 * BROKEN)
-            for trial, score in zip(trials, scores.tolist(), strict=True):
-                study.tell(trial, score)
+            return self._scores(generations[-1].values).clip(-10 * BROKEN)[:, None]
+
+        flat = starts.reshape(len(starts), -1)
+        evolve(ranges, flat, 1, POPULATION, ROUNDS[kind], self._seed, score)
         return Simulated.joined(generations)

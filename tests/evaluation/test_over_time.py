@@ -78,9 +78,11 @@ def test_weights_change_no_faster_than_the_slew(cheetah):
 
 
 def test_a_search_takes_any_seed_that_worlds_take():
-    ranges = {"weight": evolution.FloatDistribution(0, 1)}
-    study = evolution.evolution(ranges, np.zeros((1, 1)), 1, 4, seed=2**63 - 1)
-    assert len(evolution.generation(study, ranges, 4)[1]) == 4
+    def score(drawn: np.ndarray) -> np.ndarray:
+        assert len(drawn) == 4
+        return drawn
+
+    evolution.evolve({"weight": (0, 1)}, np.zeros((1, 1)), 1, 4, 1, 2**63 - 1, score)
 
 
 def test_quantities_of_a_window_are_those_of_its_steps(tmp_path):
