@@ -1,8 +1,6 @@
 """Rotations as quaternions (..., 4), w first; sums of products, since training may allow TF32."""
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 
@@ -54,14 +52,6 @@ def turned(xy: Tensor, yaw: Tensor) -> Tensor:
     return (rows * xy[..., None, :]).sum(-1)
 
 
-class PairSums:
-    """A linear map (R, C) from (N, C) to (N, R), in which every output has one or two terms."""
-
-    def __init__(self, matrix: NDArray[np.float64], like: Tensor):
-        # The second largest entry of a row may be zero; it then adds nothing.
-        columns = np.argsort(-np.abs(matrix), axis=1, kind="stable")[:, :2]
-        self._columns = torch.from_numpy(columns.T.copy()).to(like.device)  # (2, R)
-        self._factors = torch.from_numpy(np.take_along_axis(matrix, columns, 1).T.copy()).to(like)
-
-    def __call__(self, values: Tensor) -> Tensor:
-        return (values[:, self._columns] * self._factors).sum(1)
+def mapped(matrix: Tensor, values: Tensor) -> Tensor:
+    """Map values (N, C) by a matrix (R, C) to (N, R)."""
+    return (matrix * values[:, None]).sum(-1)

@@ -17,7 +17,7 @@ from ...worlds.mujoco_robot import Part
 from ...worlds.options import Count, Objectives, TaskOptions
 from . import model as bruce
 from .reference import BASE, JOINTS, POSITION, Anchor, Library, Reference
-from .rotations import PairSums
+from .rotations import mapped
 
 SEEN = 5  # values of each history in the observation
 HISTORIES = {
@@ -139,8 +139,8 @@ class Bruce(Environment):
         self.reference = Reference(self._library, like)
         self.command = like.new_zeros(len(like), 2)
         self._expand = bruce.joints_from_crank(model)
-        self._from_joints = PairSums(bruce.crank_from_joints(model), like)
-        self._to_motors = PairSums(bruce.motors_from_crank(), like)
+        self._from_joints = torch.from_numpy(bruce.crank_from_joints(model)).to(like)
+        self._to_motors = torch.from_numpy(bruce.motors_from_crank()).to(like)
         self._default = torch.from_numpy(bruce.DEFAULT_POSE).to(like)
         legs = bruce.NUM_LEG_JOINTS
         reach = [LEG_REACH] * legs + [ARM_REACH] * (16 - legs) + [VELOCITY_REACH] * 2
@@ -242,7 +242,7 @@ class Bruce(Environment):
     def apply(self, action: Tensor) -> None:
         self._action.copy_(action.clamp(-1, 1))
         self._filtered.lerp_(self._reach * self._action, self.dt / LAG)
-        self.physics.ctrl[:, :16] = self._to_motors(self._default + self._offset)
+        self.physics.ctrl[:, :16] = mapped(self._to_motors, self._default + self._offset)
 
     def advance(self) -> None:
         velocity = torch.clamp(self.command + self._shift, -self._fastest, self._fastest)
@@ -266,7 +266,7 @@ class Bruce(Environment):
         tilt = self._noisy(torch.zeros_like(qpos[:, :3]), ATTITUDE_NOISE)
         gyro = self._noisy(sensors[:, :3], GYRO_NOISE)
         accelerometer = self._noisy(sensors[:, 3:6], ACCELEROMETER_NOISE)
-        joints = self._from_joints(qpos[:, 7:])
+        joints = mapped(self._from_joints, qpos[:, 7:])
         seen = [self._anchor.seen_from(qpos[:, 3:7], tilt), self._noisy(joints, JOINT_NOISE)]
         return {
             "gyro": gyro,
