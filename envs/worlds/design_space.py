@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 import torch
 from mujoco import MjModel, MjSpec
 
 from ..errors import MorlaxError, line, shortened, unknown, user_code
+from .trees import forwarded
 
 SIZES = "nq", "nv", "na", "nu", "nbody", "njnt", "ngeom", "nsite", "neq", "nsensordata"
 DEPTH = 1e-3  # m that a body may penetrate more than the default body does at the start
@@ -136,7 +136,4 @@ def compile_bank(env: Any, designs: np.ndarray) -> Bank:
 
 def _depth(model: MjModel, qpos: np.ndarray) -> float:
     """Return how far (m) the deepest contact penetrates at positions (nq,)."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_forward(model, data)
-    return -float(data.contact.dist.min(initial=0.0))
+    return -float(forwarded(model, qpos).contact.dist.min(initial=0.0))

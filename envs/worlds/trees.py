@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 from mujoco import mjtJoint
+from numpy.typing import ArrayLike
 
 from ..errors import unknown
 
@@ -36,11 +37,18 @@ def base_of(model: mujoco.MjModel, name: str | None = None) -> int:
     return int(np.flatnonzero(trees == robot)[0])
 
 
+def forwarded(model: mujoco.MjModel, qpos: ArrayLike | None = None) -> mujoco.MjData:
+    """Return the data of a model at rest at positions (nq,), by default its own."""
+    data = mujoco.MjData(model)
+    if qpos is not None:
+        data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    return data
+
+
 def horizontal(model: mujoco.MjModel, base: int) -> list[int]:
     """Return the degrees of freedom that move the base along the floor."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    dofs = []
+    data, dofs = forwarded(model), []
     for joint in np.flatnonzero(model.jnt_bodyid == base):
         kind, dof = model.jnt_type[joint], int(model.jnt_dofadr[joint])
         if kind == mjtJoint.mjJNT_FREE:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ..envs.worlds.trees import base_of
+from ..envs.worlds.trees import base_of, forwarded
 
 CAMERA = "track"  # a camera of this name in the model sets the direction of view
 FILL, FULL = 0.9, 1.0  # share of a picture that the robot's reach fills at the start, and at most
@@ -99,8 +99,7 @@ def direction(model: mujoco.MjModel) -> tuple[float, float]:
 
     The direction of the model's camera `track`, a side view of a planar robot, or from ahead.
     """
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    data = forwarded(model)
     camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
     if camera >= 0:
         x, y, z = -data.cam_xmat[camera].reshape(3, 3)[:, 2]

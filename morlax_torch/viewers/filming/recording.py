@@ -12,12 +12,13 @@ from shutil import which
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from ...configuration.schedules import Schedule
 from ...configuration.tradeoffs import typical_tradeoffs
 from ...envs.errors import MorlaxError, installation
+from ...envs.worlds.trees import forwarded
 from ...evaluation.figures import map_figure
 from ...evaluation.front import Front
 from ...evaluation.style import pixels
@@ -225,8 +226,8 @@ class Take:
         for step in steps:
             failed = self.failed and step == len(self._qpos) - 1
             pose = self._ghosts[step]
-            ghost = None if pose is None else _posed(model, pose.numpy())
-            poses.append((_posed(model, self._qpos[step]), step * dt, failed, ghost))
+            ghost = None if pose is None else forwarded(model, pose.numpy())
+            poses.append((forwarded(model, self._qpos[step]), step * dt, failed, ghost))
         return poses
 
     def _body(self) -> list[str]:
@@ -332,13 +333,6 @@ def record(
     else:
         stride, fps = film.pace(speed, FASTEST[ending])
         write_video(output, film.frames(seconds, stride), fps)
-
-
-def _posed(model: mujoco.MjModel, qpos: ArrayLike) -> mujoco.MjData:
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_forward(model, data)
-    return data
 
 
 def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:

@@ -16,6 +16,7 @@ from mujoco.rendering.classic import gl_context
 from numpy.typing import ArrayLike, NDArray
 
 from ...envs import MorlaxError
+from ...envs.worlds.trees import forwarded
 from ..camera import GRAY, reach, shown_geoms
 
 SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
@@ -40,8 +41,7 @@ class Scene(AbstractContextManager["Scene"]):
     def __init__(self, model: mujoco.MjModel, width: int = 480, height: int = 360):
         check_size(width, height)
         choose_opengl()
-        model, data = copy(model), mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
+        model, data = copy(model), forwarded(model)
         low, self._size = reach(model, data)
         model.stat.extent = self._size  # clipping, haze and shadows suit the robot's own size
         visual, head = model.vis, model.vis.headlight
