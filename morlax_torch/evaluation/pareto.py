@@ -40,10 +40,8 @@ def hypervolume(points: ArrayLike, reference_point: ArrayLike) -> float:
     Exact if `is_exact`, else moocore's deterministic approximation. A point that does not exceed
     the reference point in every objective contributes nothing.
     """
-    points = np.asarray(points, dtype=np.float64)
-    exact = is_exact(len(points), points.shape[1])
-    reference = np.asarray(reference_point, dtype=np.float64)
-    points = front(points)
+    exact = is_exact(*np.shape(points))
+    reference, points = np.asarray(reference_point, dtype=np.float64), front(points)
     points = points[(points > reference).all(1)]
     if not len(points):
         return 0.0

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from scipy.special import log_ndtr
 
 from ..configuration.tradeoffs import even_tradeoffs
 from ..envs import MorlaxError, get, resolve_device
@@ -292,12 +293,12 @@ class Candidates:
     def _scores(self, promised: np.ndarray, errors: np.ndarray) -> np.ndarray:
         """Return log probabilities (...) of promises and standard errors (..., m + q)."""
         required = self.required
-        score = _log_normal(required.excess(promised) / errors[..., required.limited]).sum(-1)
+        score = log_ndtr(required.excess(promised) / errors[..., required.limited]).sum(-1)
         rivals = required.kept(self.values) & (self.final | ~self.final.any())
         if rivals.any():
             index = required.maximized
             best = self.values[rivals, index].max() + GAIN * self._span[index]
-            score = score + _log_normal((promised[..., index] - best) / errors[..., index])
+            score = score + log_ndtr((promised[..., index] - best) / errors[..., index])
         return score
 
 
@@ -322,10 +323,6 @@ def rounded(tradeoffs: np.ndarray) -> np.ndarray:
     rows = np.arange(len(units))
     units[rows, units.argmax(1)] += 10**DECIMALS - units.sum(1)
     return units / 10**DECIMALS
-
-
-def _log_normal(values: np.ndarray) -> np.ndarray:
-    return torch.special.log_ndtr(torch.from_numpy(np.ascontiguousarray(values))).numpy()
 
 
 class Trial(NamedTuple):

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import entr, expit
 
 from ...envs import MorlaxError
 from ...evaluation.front import Front
@@ -50,7 +51,9 @@ class Preference:
         first, second = self._random.integers(n, size=(2, CANDIDATES))
         second = np.where(first == second, (first + 1) % n, second)
         chance, posterior = self._chance(first, second), self._posterior()
-        information = _entropy(posterior @ chance) - posterior @ _entropy(chance)
+        # of an answer: without the user's weights, and with them
+        unknown, known = (entr(p) + entr(1 - p) for p in (posterior @ chance, chance))
+        information = unknown - posterior @ known
         best = int(information.argmax())
         self._information = float(information[best])
         return int(self.policies[first[best]]), int(self.policies[second[best]])
@@ -89,7 +92,7 @@ class Preference:
         if self.confidence() >= SURE:
             return 0
         chances = self._chances()
-        nats = -float(np.sum(chances * np.log(chances.clip(min=1e-12))))
+        nats = float(entr(chances).sum())
         return max(1, round((1 - self.confidence()) * nats / max(self._information, 1e-3)))
 
     def _chances(self) -> NDArray[np.float64]:
@@ -104,11 +107,7 @@ class Preference:
     def _chance(self, first: np.ndarray, second: np.ndarray) -> NDArray[np.float64]:
         """Return the probabilities (PARTICLES, n) that each first policy is preferred."""
         gain = self._weights @ (self._scaled[first] - self._scaled[second]).T
-        return MISTAKES / 2 + (1 - MISTAKES) / (1 + np.exp(-SHARPNESS * gain))
-
-
-def _entropy(chance: NDArray[np.float64]) -> NDArray[np.float64]:
-    return -chance * np.log(chance) - (1 - chance) * np.log1p(-chance)
+        return MISTAKES / 2 + (1 - MISTAKES) * expit(SHARPNESS * gain)
 
 
 class Comparison:
