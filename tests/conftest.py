@@ -20,7 +20,7 @@ from morlax_torch.algorithms.rollout import Rollout
 from morlax_torch.commands.terminal import cli
 from morlax_torch.configuration.config import load_config
 from morlax_torch.configuration.files import merged, task_values
-from morlax_torch.configuration.sections import NetworkConfig, options_class
+from morlax_torch.configuration.sections import OPTIONS, NetworkConfig
 from morlax_torch.evaluation.front import Front
 from morlax_torch.host.resources import one_thread
 from morlax_torch.networks.agent import Agent
@@ -182,7 +182,7 @@ def constants(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def change(algorithm: str, **values: object) -> None:
         for name, value in values.items():
-            monkeypatch.setattr(options_class(algorithm), name, value)
+            monkeypatch.setattr(OPTIONS[algorithm], name, value)
 
     return change
 

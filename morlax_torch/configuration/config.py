@@ -17,6 +17,7 @@ from ..host.phases import phase
 from .files import algorithm_of, merged, nested, over_task_values, required_values, task_values
 from .sections import (
     DESIGNING,
+    OPTIONS,
     Algorithm,
     EvaluationConfig,
     HyperMORLOptions,
@@ -26,7 +27,6 @@ from .sections import (
     PPOConfig,
     Protocol,
     SamplingConfig,
-    options_class,
 )
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
@@ -248,7 +248,7 @@ class Config(Section):
 
 def config_class(env: str, algorithm: str = "morlax") -> type[Config]:
     """Return `Config` with the options of one task and one algorithm, so that they are checked."""
-    return _with_options(envs.get(env).Options, options_class(algorithm))
+    return _with_options(envs.get(env).Options, OPTIONS.get(algorithm, MethodOptions))
 
 
 @cache

@@ -175,14 +175,9 @@ class HyperSACOptions(MethodOptions):
     shorter."""
 
 
-OPTIONS: dict[str, type[MethodOptions]] = {
+OPTIONS: dict[str, type[MethodOptions]] = {  # of algorithms that have some
     "hyper-sac": HyperSACOptions,
     "hyper-morl": HyperMORLOptions,
     "rsl-rl": RslRlOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies
-
-
-def options_class(algorithm: str) -> type[MethodOptions]:
-    """Return the class of an algorithm's options."""
-    return OPTIONS.get(algorithm, MethodOptions)
