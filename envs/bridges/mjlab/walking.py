@@ -68,12 +68,8 @@ class Walking(Measures):
 def torque_limits(model: mujoco.MjModel) -> np.ndarray:
     """Return the largest torque of the actuators of each degree of freedom; infinite: unlimited."""
     limits = np.full(model.nv, np.inf)
-    for actuator in range(model.nu):
-        if (
-            model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-            and model.actuator_forcelimited[actuator]
-        ):
-            dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
-            gear = abs(model.actuator_gear[actuator, 0])
-            limits[dof] = gear * model.actuator_forcerange[actuator, 1]
+    of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    limited = np.flatnonzero(of_joint & (model.actuator_forcelimited != 0))
+    dofs = model.jnt_dofadr[model.actuator_trnid[limited, 0]]
+    limits[dofs] = abs(model.actuator_gear[limited, 0]) * model.actuator_forcerange[limited, 1]
     return limits
