@@ -29,15 +29,6 @@ def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
         return Agent(config, env, generator, **networks).to(env.device)
 
 
-@torch.no_grad()
-def restore(tensors: list[Tensor], stored: list[Tensor]) -> None:
-    """Copy stored values in place, also from another device; ValueError if shapes differ."""
-    for mine, value in zip(tensors, stored, strict=True):
-        if value.shape != mine.shape:
-            raise ValueError(f"a tensor has shape {tuple(value.shape)}, not {tuple(mine.shape)}")
-        mine.copy_(value)
-
-
 class TradeoffDraws:
     """Draws trade-offs (K, m) as `config.sampling` says."""
 
@@ -235,10 +226,12 @@ class Learner(ABC):
             "env_steps": self.env_steps,
         }
 
+    @torch.no_grad()
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state in place, so that recorded graphs stay valid."""
         for name, values in (self._state | self._process_state).items():
-            restore(values, state[name])
+            for mine, stored in zip(values, state[name], strict=True):
+                mine.copy_(stored)
         self.agent.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:

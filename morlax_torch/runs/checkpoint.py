@@ -226,7 +226,7 @@ def check_networks(stored: dict[str, Any], passed: dict[str, Any], path: Path) -
             )
 
 
-def check_state(stored: object, current: object, name: str = "state", listed: bool = False) -> None:
+def check_state(stored: object, current: object, name: str = "state") -> None:
     """Raise ValueError unless a stored state has current types and shapes, and finite numbers."""
     if isinstance(current, dict) and isinstance(stored, dict):
         # of keys that only one of both has, the learner knows what it can do without
@@ -234,11 +234,10 @@ def check_state(stored: object, current: object, name: str = "state", listed: bo
             check_state(stored[key], current[key], f"{name}.{key}")
     elif isinstance(current, list) and isinstance(stored, list) and len(current) == len(stored):
         for index, pair in enumerate(zip(stored, current, strict=True)):
-            check_state(*pair, f"{name}.{index}", listed=True)
+            check_state(*pair, f"{name}.{index}")
     elif isinstance(current, Tensor) and isinstance(stored, Tensor):
-        # on another device, Adam has another number of chunks, and a generator another state
-        of_device = listed or current.dtype == torch.uint8
-        same = stored.ndim == current.ndim if of_device else stored.shape == current.shape
+        # a generator of another device has a state of another size
+        same = stored.shape == current.shape or current.dtype == stored.dtype == torch.uint8
         if not same or stored.is_floating_point() != current.is_floating_point():
             raise ValueError(
                 f"{name} is {stored.dtype} {tuple(stored.shape)} instead of "
