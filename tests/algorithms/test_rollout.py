@@ -1,7 +1,5 @@
 """Advantages follow their formula, and rollouts store what the worlds returned."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import torch
@@ -43,28 +41,6 @@ def test_advantages_match_their_definition(make_rollout, bootstrap, objectives):
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
     final_value[rollout.terminated] = torch.nan  # is ignored
     assert torch.equal(advantages(rollout, value, final_value, GAMMA, LAMBDA, bootstrap), found)
-
-
-def test_advantages_equal_numbers_computed_by_hand():
-    """The values are V(s) = 10, 20, 30 and V(s') = 20, 30, 40; discount and lambda are 0.5."""
-    value, final_value = torch.tensor([[10.0, 20.0, 30.0], [20.0, 30.0, 40.0]]).view(2, 3, 1, 1, 1)
-
-    def by_hand(terminated: int = -1, truncated: int = -1, bootstrap: bool = True) -> list[float]:
-        steps = torch.arange(3).view(3, 1, 1)
-        rollout = SimpleNamespace(
-            reward=torch.tensor([1.0, 2.0, 3.0]).view(3, 1, 1, 1),
-            terminated=steps == terminated,
-            truncated=steps == truncated,
-        )
-        return advantages(rollout, value, final_value, 0.5, 0.5, bootstrap).flatten().tolist()
-
-    # TD errors: 1 + 10 - 10, 2 + 15 - 20, 3 + 20 - 30; a quarter of the next one is added
-    assert by_hand() == [-0.1875, -4.75, -7.0]
-    assert by_hand(truncated=1) == [0.25, -3.0, -7.0]
-    # without bootstrapping: 2 + 0 - 20
-    assert by_hand(terminated=1) == [-3.5, -18.0, -7.0]
-    # a mask instead: a truncated step has no advantage
-    assert by_hand(truncated=1, bootstrap=False) == [1.0, 0.0, -7.0]
 
 
 CLUSTERS, WORLDS, HORIZON = 4, 8, 24
