@@ -1,14 +1,12 @@
 """Figures label their axes for any number of objectives, and save valid files."""
 
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from morlax_torch import MorlaxError
 from morlax_torch.configuration.tradeoffs import evaluation_tradeoffs
 from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.figures import MOST_PAIRS, quartile_band
@@ -219,14 +217,3 @@ def test_quantities_may_be_few_and_not_finite(number):
     assert ("quantities" in drawn) == (number == 2)
     for figure in drawn.values():
         figure.draw_without_rendering()
-
-
-def test_figures_are_saved_as_png_and_pdf(tmp_path: Path):
-    figure = figures.front_figure(front(2))
-    figures.save(figure, tmp_path / "a.front")
-    starts = {"png": b"\x89PNG", "pdf": b"%PDF"}
-    for ending, start in starts.items():
-        assert (tmp_path / f"a.front.{ending}").read_bytes().startswith(start)
-    assert len(list(tmp_path.iterdir())) == 2
-    with pytest.raises(MorlaxError, match="cannot write"):
-        figures.save(figure, tmp_path / "nowhere" / "front")
