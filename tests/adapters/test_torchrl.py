@@ -6,7 +6,7 @@ import gymnasium
 import pytest
 import torch
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import MorlaxError
 
 pytest.importorskip("torchrl", reason="TorchRL is not installed")
 
@@ -77,17 +77,6 @@ def test_a_partial_reset_affects_only_the_selected_worlds():
     assert env.worlds.age.tolist() == [5, 0, 5, 0]
     env.set_seed(3)
     assert torch.equal(env.reset()["observation"], first["observation"])
-
-
-def test_an_observation_that_shows_the_simulators_memory_is_copied(monkeypatch):
-    task = envs.get("hopper")
-    monkeypatch.setattr(task, "observe", lambda self: self.physics.qpos[:, 1:])
-    monkeypatch.setattr(task, "layout", envs.Environment.layout)
-    env = worlds("hopper", backend="warp")
-    start = env.reset()
-    kept = start["observation"].clone()
-    env.step(start.set("action", torch.ones(4, env.worlds.action_size)))
-    assert torch.equal(start["observation"], kept)
 
 
 def test_a_mistake_raises_a_clear_error():
