@@ -24,12 +24,6 @@ def make(task: str, backend: str, worlds: int = 3, **options) -> envs.Environmen
     return envs.make(task, worlds, "cpu", backend=backend, **options)
 
 
-def state(env: envs.Environment) -> dict[str, Tensor]:
-    """Return the state of each world, without the random generator."""
-    names = ("qpos", "qvel", "warmstart", "sensors")
-    return {name: getattr(env.physics, name).clone() for name in names} | {"age": env.age.clone()}
-
-
 def forward(model: mujoco.MjModel, qpos: Tensor, qvel: Tensor) -> mujoco.MjData:
     data = mujoco.MjData(model)
     data.qpos, data.qvel = qpos.double().numpy(), qvel.double().numpy()
@@ -130,23 +124,6 @@ def test_no_state_carries_over_between_episodes(task, backend):
         for episode in later:
             assert all(map(torch.equal, episode, first))
         assert all(len(episode) == len(first) for episode in later[:-1])
-
-
-def test_reset_restarts_every_world_and_restart_the_selected_ones(backend):
-    env = make("hopper", backend, 16)
-    assert (env.age == 0).all()
-    assert (env.physics.qpos == env.physics.qpos[0]).all()
-    first, start = env.reset(), state(env)
-    for action in random_actions(env, 5):
-        seen = env.step(action).observation
-    before = state(env)
-    which = torch.arange(env.num_worlds) % 2 == 1
-    assert torch.equal(env.restart(which), torch.where(which[:, None], first, seen))
-    for name, value in state(env).items():
-        assert torch.equal(value[which], start[name][which]), name
-        assert torch.equal(value[~which], before[name][~which]), name
-    assert torch.equal(env.reset(), first)
-    assert_same(state(env), start)
 
 
 MEMBERS = mujoco.mjtState.__members__
