@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 import torch
-import yaml
 from tiny import TYPED
 
 from morlax_torch import load, save
@@ -41,14 +40,6 @@ def sentence(capsys) -> str:
 
 def read(*arguments: str) -> Config:
     return train.read(arguments)[0]
-
-
-def test_the_default_run_folder_is_named_after_task_and_seed(workplace, monkeypatch, capsys):
-    run(monkeypatch, train, "--env", "hopper", *TYPED, "--seed", "7")
-    (folder,) = (workplace / "runs" / "hopper").iterdir()
-    assert folder.name.endswith("-7")
-    assert yaml.safe_load((folder / "config.yaml").read_text())["seed"] == 7
-    assert "hypervolume" in sentence(capsys)
 
 
 def test_options_override_the_config_file_which_overrides_task_defaults(workplace):
