@@ -22,7 +22,6 @@ from morlax_torch.reports.comparison import (
     Evaluated,
     check_comparable,
     names,
-    quartiles,
     repeated,
 )
 from morlax_torch.reports.page import cell
@@ -381,12 +380,6 @@ def test_runs_are_named_by_the_shortest_unique_end_of_their_path(tmp_path, monke
     assert not any(Path(name).is_absolute() for name in names(same))
     with pytest.raises(MorlaxError, match=r"x/a/\.\./a/0 is given twice"):
         names(["x/a/0", "x/b/0", "x/a/../a/0"])
-
-
-def test_quartiles_are_computed_over_runs():
-    found = quartiles([{"a": 1.0, "b": 4}, {"a": 2.0, "b": 4}, {"a": 9.0, "b": 4}])
-    assert found["a"] == (1.5, 2, 5.5)
-    assert found["b"] == (4, 4, 4)
 
 
 def test_names_that_a_spreadsheet_would_run_are_quoted():
