@@ -240,8 +240,6 @@ def test_a_custom_robot_runs_on_both_simulators(folder, backend):
         step = env.step(torch.ones(4, 2))
     assert step.reward.isfinite().all()
     assert env.blowups == 0 and (env.overflow() == 0).all()
-    with pytest.raises(MorlaxError, match="unknown reward term 'rum': did you mean 'run'"):
-        envs.make("crawler.py:Crawler", 3, "cpu", shared={"rum": 1.0})
 
 
 def test_an_unknown_class_or_file_gives_a_clear_error(folder):
