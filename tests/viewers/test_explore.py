@@ -26,12 +26,6 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import loading
 
 
-def test_a_run_that_cannot_be_explored_is_an_error(workplace, refused):
-    assert "runs/none does not exist" in refused(explore, "runs/none")
-    (workplace / "run").mkdir()
-    assert "run has no checkpoints" in refused(explore, "run")
-
-
 def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, refused):
     needs_page()
     from morlax_torch.viewers.explorer.server import listening

@@ -155,14 +155,6 @@ def test_only_what_the_page_offers_is_accepted(address):
     other.close()
 
 
-def test_a_tab_that_does_not_read_holds_nobody_up(address):
-    asleep, awake = Client(address), Client(address)
-    before = awake.frames
-    awake.until(lambda: awake.frames > before + 20, "the other tab waits")
-    asleep.close()
-    awake.close()
-
-
 @pytest.mark.slow
 def test_ctrl_c_does_not_wait_for_clients_that_do_not_read(workplace, make_run):
     make_run(workplace / "run", "hopper", "best")
