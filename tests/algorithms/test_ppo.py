@@ -248,6 +248,7 @@ def test_a_single_network_takes_adam_steps_on_the_clipped_gradient_of_both_losse
     """Of two networks, the example in one file takes the same steps bit for bit."""
     monkeypatch.setattr(PPOConfig, "max_grad_norm", 0.05)
     agent = learner(type="single")
+    assert agent.actor.features is agent.critic.features
     samples = near(samples, agent)
     config, oracle = PPOConfig(learning_rate=1e-2, entropy=0.0), copy.deepcopy(agent)
     adam = torch.optim.Adam(oracle.parameters(), 1e-2)

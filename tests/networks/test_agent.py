@@ -4,9 +4,8 @@ import math
 
 import pytest
 import torch
-from torch.nn.functional import softplus
 
-from morlax_torch.networks.gaussian import TanhNormal, sample
+from morlax_torch.networks.gaussian import TanhNormal
 
 TRADEOFFS = torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.3, 0.7], [0.5, 0.5]])
 
@@ -57,28 +56,6 @@ def test_extreme_values_stay_finite(generator):
     value = policy.log_prob(action) + policy.entropy(policy.noise(generator))
     value.sum().backward()
     assert all(x.isfinite().all() for x in (value, mean.grad, spread.grad))
-
-
-@pytest.mark.parametrize("type", ("dual", "single", "conditioned"))
-def test_each_tradeoff_has_its_own_policy_and_values(make_agent, generator, type):
-    agent = make_agent(type=type)
-    seen = torch.randn(1, 6, 3, generator=generator).expand(4, 6, 3)
-    policy, values = agent.policies(TRADEOFFS)(seen), agent.values(TRADEOFFS)(seen)
-    assert policy.mean.shape == policy.std.shape == (4, 6, 2)
-    action, log_prob = sample(policy.output, policy.noise(generator))
-    torch.testing.assert_close(log_prob, policy.log_prob(action))
-    assert log_prob.shape == policy.entropy(policy.noise(generator)).shape == (4, 6)
-    assert values.shape == (4, 6, 2)
-    for k, tradeoff in enumerate(TRADEOFFS):
-        mean, spread = agent.actor.specialize(tradeoff)(seen[k]).chunk(2, -1)
-        torch.testing.assert_close(policy.mean[k], mean)
-        torch.testing.assert_close(policy.std[k], softplus(spread) + 0.001)
-        torch.testing.assert_close(values[k], agent.critic.specialize(tradeoff)(seen[k]))
-    assert not torch.allclose(policy.mean[0], policy.mean[1], atol=1e-3)
-    assert not torch.allclose(values[0], values[1], atol=1e-3)
-    actor, critic = (set(part.parameters()) for part in (agent.actor, agent.critic))
-    shared = agent.actor.features.parameters() if type == "single" else ()
-    assert actor & critic == set(shared)
 
 
 def test_initial_networks_are_lecun_uniform_with_zero_biases(make_agent):
