@@ -10,9 +10,7 @@ from tiny import TYPED, learner, tiny
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.commands.train import command as train_command
-from morlax_torch.runs.run import Run
 from morlax_torch.runs.training import make_evaluator
-from morlax_torch.train import train
 
 TINY = {"backend": None, "worlds": 16, "horizon": 5, "max_env_steps": 240, "task.episode_length": 8}
 
@@ -138,15 +136,6 @@ def test_episodes_start_anew_after_an_evaluation_in_the_only_environment():
     assert made.metrics().get("episode_length", 0) == 0  # none came to its end
     with pytest.raises(MorlaxError, match=r"have been moved by others.*reset"):
         made.env.step(torch.zeros(16, 1))
-
-
-def test_a_run_trains_and_resumes_in_the_only_environment(tmp_path):
-    envs.register("single-line", alone(again=True))
-    config = tiny("single-line", **TINY)
-    run = train(config, output=tmp_path / "run")
-    train(config.model_copy(update={"max_env_steps": 480}), Run.open(run.folder))
-    rows = (run.folder / "metrics.csv").read_text().splitlines()
-    assert rows[-1].split(",")[1] == "480"
 
 
 def test_a_term_that_is_not_finite_ends_the_episode_with_zero_reward():
