@@ -1,8 +1,6 @@
 """The documentation site builds without warnings, has no broken link, and loads nothing remote."""
 
 import re
-import runpy
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
@@ -15,10 +13,6 @@ from morlax_torch.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-SCRIPTS = [
-    *("docs/site/build_site.py", "docs/site/notebook.py", "docs/site/pictures.py"),
-    *("benchmarks/tables.py", "tests/faults.py", ".ci/smoke.py", "docs/gallery.py"),
-]
 REMOTE = re.compile(r"(?:https?:)?//")
 
 
@@ -88,20 +82,3 @@ def test_every_page_is_in_the_navigation():
     listed = set(re.findall(r": (\S+\.md)$", config, re.MULTILINE)) - set(site.FROM_ROOT.values())
     pages = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
     assert listed == pages, "list the page under nav in docs/site/mkdocs.yml"
-
-
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_a_script_asked_for_help_or_given_a_wrong_option_does_nothing_else(
-    script, tmp_path, monkeypatch, capsys
-):
-    copy = tmp_path / script  # beside nothing that it could change
-    copy.parent.mkdir(parents=True)
-    copy.write_text((ROOT / script).read_text())
-    monkeypatch.chdir(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
-    for option, status in (("--help", 0), ("--no-such-option", 2)):
-        monkeypatch.setattr(sys, "argv", [str(copy), option])
-        with pytest.raises(SystemExit) as stopped:
-            runpy.run_path(str(copy), run_name="__main__")
-        assert stopped.value.code == status and "usage: " in "".join(capsys.readouterr())
-    assert sorted(tmp_path.rglob("*")) == before
