@@ -34,21 +34,6 @@ def test_the_interquartile_mean_cuts_a_quarter_at_each_end(n):
         assert mean == pytest.approx(sum(left) / len(left))
 
 
-def test_jobs_run_side_by_side_within_the_time_that_is_left(tmp_path, capfd):
-    plan = tmp_path / "plan.yaml"
-    plan.write_text(
-        "- {name: first, seconds: 5, command: 'sleep 0.5; echo $JOB > $FOLDER/first'}\n"
-        "- {name: later, seconds: 5, after: first, command: 'cat $FOLDER/first'}\n"
-        "- {name: each, seconds: 5, seeds: [7, 8], command: 'echo $SEED; false'}\n"
-        "- {name: long, seconds: 500, command: 'true'}\n"
-    )
-    jobs.main(plan, 30.0, tmp_path / "out", gpus=2)
-    logs = {path.stem: path.read_text() for path in (tmp_path / "out").glob("*.log")}
-    assert logs == {"first": "", "later": "first\n", "each-7": "7\n", "each-8": "8\n"}
-    printed = capfd.readouterr().out
-    assert "each-8 ended with 1" in printed and printed.endswith("left: long\n")
-
-
 def test_pending_jobs_name_files_that_exist():
     for job in jobs.read(SCRIPT.parent / "pending.yaml"):
         words = job.command.split()
