@@ -105,13 +105,13 @@ def main(
         save(runner, str(part), {"env_steps": done, "sensors": sensors})
         part.replace(file)
         passed = time.perf_counter() - start
-        inside = runner.env.unwrapped
-        share = inside.termination_manager.terminated.float().mean()
+        env = runner.env.unwrapped
+        share = env.termination_manager.terminated.float().mean()
         console.print(
             f"{task}, {weighting}, seed {seed}: {done / 1e6:.1f} M steps, "
             f"{passed:.0f} s, {(done - first) / passed:,.0f} steps/s, "
             f"{share:.2%} of worlds failed in the last step, whose mean reward was "
-            f"{inside.reward_buf.mean():.4f}, rate {runner.alg.learning_rate:.1e}"
+            f"{env.reward_buf.mean():.4f}, rate {runner.alg.learning_rate:.1e}"
         )
 
 

@@ -50,7 +50,7 @@ def make(
     _check_integer("seed", seed, 0, 2**64 - 1, "2^64 - 1")
     _check_integer("num_worlds", num_worlds, 1, 2**31 - 1, "2147483647")  # of 32 bits
     kind = {"auto_reset": auto_reset, "deterministic": deterministic}
-    with torch.device("cpu"):  # whatever a user's script has set as the default
+    with torch.device("cpu"):  # also if scripts set another default device
         return task.build(options, int(num_worlds), chosen, backend, int(seed), **kind)
 
 

@@ -1,4 +1,4 @@
-"""The robot among the kinematic trees of a model. `morlax play` imports this without torch."""
+"""A model at rest, and the robot among its kinematic trees. `morlax play` needs no torch here."""
 
 import mujoco
 import numpy as np

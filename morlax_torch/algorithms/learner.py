@@ -21,7 +21,7 @@ from .rollout import Episodes, Rollout
 def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
     """Return a new agent for the worlds, on their device; `networks` are arguments of `Agent`."""
     generator = torch.Generator().manual_seed(config.seed)
-    with torch.device("cpu"):  # whatever a user's script has set as the default
+    with torch.device("cpu"):  # also if scripts set another default device
         if config.network.symmetric:
             # a tolerance only if there is one: tasks may override `mirror` without
             tolerance = config.network.symmetry_tolerance

@@ -83,7 +83,7 @@ def export(
     metadata = {**manifest(policy, tradeoff, robot), **(metadata or {})}
     phase("exporting the policy")
     any_rows = ({0: torch.export.Dim("batch")}, {})[:count]
-    with quiet(), torch.no_grad(), torch.device("cpu"):  # whatever the default is
+    with quiet(), torch.no_grad(), torch.device("cpu"):  # also if scripts set another one
         program = torch.export.export(module, inputs[0], dynamic_shapes=any_rows)
         data = FORMATS[format].write(program.run_decompositions({}), metadata)
         run = FORMATS[format].read(data)

@@ -123,7 +123,7 @@ def load(
     config = checkpoint.read_config(contents, path)
     task, networks = contents.environment, dict(contents.own_networks)
     make = RslRlAgent if isinstance(config.method, RslRlOptions) else Agent
-    with torch.device("cpu"):  # whatever a user's script has set as the default
+    with torch.device("cpu"):  # also if scripts set another default device
         agent = make(config, task, actor=actor)
     state, complete = contents.agent, contents.policy is None
     if networks.pop("critic", None):  # a user's critic, which policies do not need
@@ -301,25 +301,24 @@ def check_bookmark(run: AnyPath, name: str) -> Path:
 
 def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float], replaces: bool = True) -> Path:
     """Store a trade-off (m,), over one of this name if it `replaces` that; returns the file."""
-    file, former = check_bookmark(run, name), bookmarks(run)
+    file = check_bookmark(run, name)
     if not replaces:
-        _check_new(name, former)
-    stored = {**former, name: [float(weight) for weight in tradeoff]}
+        _check_new(run, name)
+    stored = {**bookmarks(run), name: [float(weight) for weight in tradeoff]}
     write_file(file, yaml.safe_dump(stored, **PLAIN))
     return file
 
 
 def rename_bookmark(run: AnyPath, name: str, new: str) -> None:
     """Give a bookmark of a run another name; an empty one removes it."""
-    former = bookmarks(run)
-    _check_new(new, former)
-    stored = {new if key == name else key: weights for key, weights in former.items()}
+    _check_new(run, new)
+    stored = {new if key == name else key: weights for key, weights in bookmarks(run).items()}
     stored.pop("", None)
     write_file(check_bookmark(run, new or name), yaml.safe_dump(stored, **PLAIN))
 
 
-def _check_new(name: str, former: dict[str, list[float]]) -> None:
-    if name in former:
+def _check_new(run: AnyPath, name: str) -> None:
+    if name in bookmarks(run):
         raise MorlaxError(f"there is a bookmark {name} already: delete it first.")
 
 

@@ -120,10 +120,10 @@ def test_two_terms_of_one_function_are_two_observations(monkeypatch):
     monkeypatch.setattr(worlds, "changed", doubled)
     robot = envs.make_robot(GO1)
     settings = robot.deployment().settings
-    observations, own = settings["observations"], settings["morlax_torch"]
+    observations, terms = settings["observations"], settings["morlax_torch"]["observation_names"]
     names = "joint_pos_rel", "joint_pos_rel_legs"
     assert [observations[name]["scale"][0] for name in names] == [1, 0.5]
-    assert len(observations) == len(own["observation_names"]) == len(robot.layout())
+    assert len(observations) == len(terms) == len(robot.layout())
 
 
 @pytest.mark.slow

@@ -51,9 +51,9 @@ class Preference:
         first, second = self._random.integers(n, size=(2, CANDIDATES))
         second = np.where(first == second, (first + 1) % n, second)
         chance, posterior = self._chance(first, second), self._posterior()
-        # of an answer: without the user's weights, and with them
-        unknown, known = (entr(p) + entr(1 - p) for p in (posterior @ chance, chance))
-        information = unknown - posterior @ known
+        # mutual information of an answer and the user's weights
+        marginal, conditional = (entr(p) + entr(1 - p) for p in (posterior @ chance, chance))
+        information = marginal - posterior @ conditional
         best = int(information.argmax())
         self._information = float(information[best])
         return int(self.policies[first[best]]), int(self.policies[second[best]])
