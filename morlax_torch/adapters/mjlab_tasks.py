@@ -24,6 +24,7 @@ EFFORT: dict[str, Group] = {
     "Go1": {"is_alive": 1.5, "electrical_power_cost": -0.03, "joint_torques_l2": -0.0012},
     "G1": {"is_alive": 1.2, "electrical_power_cost": -0.004, "joint_torques_l2": -0.00016},
 }
+WARMUP = {"Go1": 150, "G1": 300}  # a humanoid learns to walk later
 OTHERS: dict[str, dict[str, list[str]]] = {
     "Velocity": {"tracking": ["track_*"], "smoothness": ["action_rate_l2", "foot_slip"]},
     "Tracking": {"tracking": ["motion_*"], "smoothness": ["action_rate_l2", "joint_limit"]},
@@ -46,13 +47,13 @@ class ParetoPpoCfg(RslRlPpoAlgorithmCfg):
     task: str = ""
 
 
-def register(task: str, objectives: dict[str, Group], guide: Group) -> None:
+def register(task: str, objectives: dict[str, Group], guide: Group, warmup: int) -> None:
     """Register the twin of a task of mjlab."""
     rl = registry.load_rl_cfg(task)
     ppo = {option.name: getattr(rl.algorithm, option.name) for option in fields(rl.algorithm)}
     ppo["class_name"] = ParetoPpoCfg.class_name
     split = {"objectives": objectives, "guide": guide, "focus": FOCUS}
-    algorithm = ParetoPpoCfg(**ppo, **split, task=f"mjlab:{task}")
+    algorithm = ParetoPpoCfg(**ppo, **split, warmup=warmup, task=f"mjlab:{task}")
     configs = [registry.load_env_cfg(task, play=play) for play in (False, True)]
     for config in configs:
         add_terms(config)
@@ -69,4 +70,4 @@ for name in registry.list_tasks():
         objectives = {title: dict.fromkeys(terms[title], TRADED) for title in terms}
         objectives["smoothness"]["is_alive"] = GUIDED
         guide = {"*": 1.0} | {term: GUIDED for title in terms for term in terms[title]}
-        register(name, {**objectives, "effort": EFFORT[robot]}, guide)
+        register(name, {**objectives, "effort": EFFORT[robot]}, guide, WARMUP[robot])
