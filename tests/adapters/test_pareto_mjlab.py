@@ -86,6 +86,7 @@ def test_mjlab_s_play_shows_the_front_s_policies(run, monkeypatch, tmp_path):
 def test_a_checkpoint_of_mjlab_is_a_run(run, tmp_path):
     policy = load(run)
     assert policy.objectives == ("tracking", "smoothness", "effort")
+    assert policy.config.task.reference_point == (55.0, 0.0, 0.0)  # so that curves compare
     weights = policy.reward_weights((1.0, 0.0, 0.0))
     assert weights["track_linear_velocity"] == 1.6 and weights["action_rate_l2"] == 0.4
     own = policy.reward_weights((0.5, 0.5, 0.0))
