@@ -23,10 +23,10 @@ class ParetoOptions(BaseModel):
     patterns such as track_*. None: all positive terms, rewards, against the negative, costs."""
     guide: dict[str, float] | None = None
     """Factors of the terms that every trade-off learns from. None: the terms that no objective has;
-    without objectives, the host's whole reward."""
+    without objectives, all terms."""
     terms: str | None = None
     """MODULE:FUNCTION, which maps the environment to its reward terms of the last step, name ->
-    (N,); for environments without a reward manager or reward functions."""
+    (N,), or any before the first one; for hosts without a reward manager or reward functions."""
     tradeoffs: PositiveInt = 32
     """K, trade-offs that learn at a time; each has every K-th world."""
     features: PositiveInt = 6

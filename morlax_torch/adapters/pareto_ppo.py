@@ -19,7 +19,7 @@ from ..envs.errors import LONGEST, MorlaxError, line
 from ..envs.worlds.options import check_objectives
 from ..runs.checkpoint import RSL_RL
 from .pareto_options import ParetoOptions, take_options
-from .reward_terms import ObjectiveRewards, terms_of
+from .reward_terms import SIGNS, ObjectiveRewards, terms_of
 from .rsl_rl_checkpoint import FAMILY, compact, config_of, contents, expanded
 from .rsl_rl_family import FamilyModel, FamilyStorage, WorldFront
 
@@ -95,7 +95,8 @@ class ParetoPPO(PPO):
         _check_supported(cfg)
         cfg["obs_groups"] = groups = resolve_obs_groups(obs, cfg["obs_groups"], ["actor", "critic"])
         bind = cache(lambda: _rewards_of(env, options))
-        names = [*(options.objectives or bind().objectives)]
+        # a script that plays may switch rewards off, such as Genesis' go2_eval.py
+        names = [*(options.objectives or (bind().objectives if options.terms else SIGNS))]
         try:
             check_objectives(names)
         except ValueError as error:
@@ -264,11 +265,12 @@ class ParetoPPO(PPO):
             "optimizer_state_dict": expanded(family["optimizer"]),
         }
         try:
-            if load_cfg is None:
-                self._rollouts = family["rollouts"]
-                if self.front and family["front"]:
-                    self.front.load_state_dict(family["front"])
-                    self.front.begun.zero_()  # new worlds are in other episodes, at any step
+            if family["objectives"] != self.objectives:
+                raise RuntimeError(f"{family['objectives']}, not {self.objectives}")
+            self._rollouts = family["rollouts"]
+            if load_cfg is None and self.front and family["front"]:
+                self.front.load_state_dict(family["front"])
+                self.front.begun.zero_()  # new worlds are in other episodes, at any step
             return super().load(states, load_cfg, strict)
         except RuntimeError as error:
             raise MorlaxError(

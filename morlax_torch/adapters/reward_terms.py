@@ -12,9 +12,10 @@ from torch import Tensor
 from ..envs.errors import MorlaxError, unknown, user_code
 
 Weights = Mapping[str, float]  # factors by a term's name, or by a pattern such as track_*
-WATCHED = 1e-6  # weight of a term that the host does not pay, so that it computes the term
-TOLERANCE = 1e-3  # of the sum of terms, relative to the reward
-CHECKED = 100  # first steps with a check; a host that clips rewards may clip none in the first one
+WATCHED = 1e-9  # weight of a term that the host does not pay, so that it computes the term
+TOLERANCE = 1e-3  # of the sum of terms, relative to the sum of their sizes
+CHECKED = 100  # a check in each of the first steps, and then in every 100th: hosts change rewards
+SIGNS = {"rewards": 1, "costs": -1}  # default objectives, of the terms with such weights
 APART = "termination"  # a term that legged_gym keeps out of its list of functions
 
 
@@ -28,7 +29,10 @@ class ManagerTerms:
         self._env, self._manager = env, env.reward_manager
         configs = {name: self._manager.get_term_cfg(name) for name in self._manager.active_terms}
         self._configs = configs
-        self.weights = {name: float(term.weight) for name, term in configs.items()}
+        self.weights = {
+            name: 0.0 if term.weight == WATCHED else float(term.weight)  # by an earlier runner
+            for name, term in configs.items()
+        }
         scaled = getattr(env.cfg, "scale_rewards_by_dt", True)
         self._time_step = env.step_dt if scaled else 1.0
 
@@ -71,15 +75,22 @@ class FunctionTerms:
         raise MorlaxError(f"the reward term {name} has no scale: give it one in the environment.")
 
     def read(self) -> Tensor:
-        return torch.stack([self._paid[name] for name in self.weights], -1)
+        try:
+            return torch.stack([self._paid.pop(name) for name in self.weights], -1)
+        except KeyError as name:
+            raise MorlaxError(
+                f"the environment calls another reward function {name} than it listed at first: "
+                "name a function that reads its terms, terms: MODULE:FUNCTION."
+            ) from None
 
 
 class CalledTerms:
     """The terms that a user's "MODULE:FUNCTION" reads from the worlds: name -> (N,)."""
 
-    def __init__(self, env: Any, name: str):
+    def __init__(self, env: Any, name: str, worlds: int):
         module, _, function = name.partition(":")
-        with user_code(f"the reward terms {name} cannot be read"):
+        self._worlds, self._failure = worlds, f"the reward terms {name} cannot be read"
+        with user_code(self._failure):
             self._read = partial(getattr(import_module(module), function), env)
             self.weights = dict.fromkeys(self._read(), 1.0)
 
@@ -87,8 +98,9 @@ class CalledTerms:
         return 1.0
 
     def read(self) -> Tensor:
-        values = self._read()
-        return torch.stack([values[name] for name in self.weights], -1)
+        with user_code(self._failure):
+            values = self._read()
+            return torch.stack([values[name].reshape(self._worlds) for name in self.weights], -1)
 
 
 Terms = ManagerTerms | FunctionTerms | CalledTerms
@@ -98,7 +110,7 @@ def terms_of(env: Any, reader: str | None = None) -> Terms:
     """Return the reward terms of an environment; `reader` names a function for unknown ones."""
     base = getattr(env, "unwrapped", env)
     if reader:
-        return CalledTerms(base, reader)
+        return CalledTerms(base, reader, env.num_envs)
     if hasattr(base, "reward_manager"):
         return ManagerTerms(base)
     if getattr(base, "reward_functions", None):
@@ -130,10 +142,9 @@ class ObjectiveRewards:
         paid = {name: weight for name, weight in weights.items() if weight}
         if objectives is None:
             guide = {"*": 1.0} if guide is None else guide
-            signs = {"rewards": 1, "costs": -1}
             objectives = {
                 name: {term: 1.0 for term, weight in paid.items() if weight * sign > 0}
-                for name, sign in signs.items()
+                for name, sign in SIGNS.items()
             }
             if isinstance(terms, CalledTerms):
                 objectives = {name: {name: 1.0} for name in weights}
@@ -155,8 +166,9 @@ class ObjectiveRewards:
             [[row.get(name, 0.0) * factors.get(name, 1.0) for row in rows] for name in weights],
             dtype=torch.float32,
         )  # (t, m + 1)
+        self._paid = torch.tensor([float(name in paid) for name in weights])
         # terms that a function reads need not be the reward's
-        self._unchecked = 0 if isinstance(terms, CalledTerms) else CHECKED
+        self._checked, self._steps = not isinstance(terms, CalledTerms), 0
 
     def _expanded(self, group: Weights) -> dict[str, float]:
         """Return factors by names of terms; patterns stand for terms that the host pays."""
@@ -174,19 +186,20 @@ class ObjectiveRewards:
         """Return the last step's rewards per objective (N, m), and the guide (N, 1).
 
         Raises:
-            MorlaxError: the terms do not add up to the host's `reward` (N,), in the first steps.
+            MorlaxError: the terms do not add up to the host's `reward` (N,), or cannot be read.
         """
-        terms = self._terms.read().to(reward.device)
-        if self._unchecked:
-            self._unchecked -= 1
-            difference = float((terms.sum(-1) - reward).abs().max())
-            if not difference <= TOLERANCE * (1 + float(reward.abs().max())):
+        terms = self._terms.read().to(reward.device, torch.float32)
+        self._matrix, self._paid = self._matrix.to(terms), self._paid.to(terms)
+        self._steps += 1
+        if self._checked and (self._steps <= CHECKED or self._steps % CHECKED == 0):
+            paid = terms * self._paid
+            difference = float((paid.sum(-1) - reward).abs().max())
+            if not difference <= TOLERANCE * (TOLERANCE + float(paid.abs().sum(-1).max())):
                 raise MorlaxError(
                     f"the reward terms add up to another reward than the environment's (by up to "
-                    f"{difference:.2g}): it may clip rewards, such as legged_gym's "
-                    "only_positive_rewards, or name a function that reads them, terms: "
-                    "MODULE:FUNCTION."
+                    f"{difference:.2g}): turn its clipping off, such as legged_gym's "
+                    "only_positive_rewards, give terms that it pays later a small weight from the "
+                    "start, or name a function that reads them, terms: MODULE:FUNCTION."
                 )
-        self._matrix = self._matrix.to(terms)
         rewards = terms @ self._matrix
         return rewards[:, :-1], rewards[:, -1:]

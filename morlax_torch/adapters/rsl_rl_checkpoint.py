@@ -85,6 +85,7 @@ def config_of(
     target = actor.family.target
     if options.task is None or not isinstance(target, GaussianMLP) or len(actor.obs_groups) > 1:
         return None
+    K, worlds = storage.tradeoffs, storage.num_envs
     *layers, _ = target.mlp.children()
     hidden = [layer.out_features for layer in layers if isinstance(layer, nn.Linear)]
     task = {
@@ -98,10 +99,10 @@ def config_of(
         {
             "env": options.task,
             "algorithm": "rsl-rl",
-            "seed": cfg.get("seed", 0),
-            "worlds": storage.num_envs,
+            "seed": max(cfg.get("seed") or 0, 0),  # -1: at random
+            "worlds": worlds,
             "horizon": storage.num_transitions_per_env,
-            "sampling": {"clusters": storage.tradeoffs, "corners": 0, "cells": True},
+            "sampling": {"clusters": K if K > 1 else worlds, "corners": 0, "cells": True},
             "network": {"actor": hidden, "features": options.features},
             "ppo": {"minibatches": 1},
             "evaluation": {"tradeoffs": 64, "seeds": EPISODES},

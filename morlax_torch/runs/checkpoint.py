@@ -112,13 +112,18 @@ def load(path: Path) -> Contents:
         _check_sums(data)
         values = torch.load(data, map_location="cpu", weights_only=True)
         values = values.get(RSL_RL, values)
-        number = values["format"]
+        number = None if "actor_state_dict" in values else values["format"]
     except MemoryError:
         raise
     except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
         raise MorlaxError(
             f"the checkpoint {path} is damaged or not a checkpoint: use another file of its folder."
         ) from None
+    if number is None:
+        raise MorlaxError(
+            f"{path} is a checkpoint of rsl_rl that is no run: ParetoPPO writes one if its option "
+            "task names the task, of Gaussian policies that see one group of observations."
+        )
     if number != FORMAT:
         raise MorlaxError(
             f"the checkpoint {path} has format {shortened(number)}, but this version of "

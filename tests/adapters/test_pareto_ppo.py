@@ -211,9 +211,10 @@ def test_a_play_script_shows_the_tradeoffs_that_the_environment_names(trained, m
 
 def test_training_resumes_and_starts_from_a_plain_checkpoint(trained, tmp_path):
     runner, folder = trained
-    again = make()
+    again, parts = make(), ("actor", "critic", "optimizer", "iteration")
+    again.load(str(folder / "model_59.pt"), dict.fromkeys(parts, True))
+    assert again.current_learning_iteration == 59 and again.alg._rollouts == 60  # warmed up
     again.load(str(folder / "model_59.pt"))
-    assert again.current_learning_iteration == 59
     state, expected = again.alg.actor.state_dict(), runner.alg.actor.state_dict()
     assert all(torch.equal(state[name], expected[name]) for name in expected)
     squares, expected = (alg.optimizer.state_dict()["state"] for alg in (again.alg, runner.alg))
@@ -254,7 +255,7 @@ def test_a_checkpoint_is_a_run(trained):
 
 
 def test_a_checkpoint_of_linear_layers_as_wide_as_the_input_is_a_run(tmp_path):
-    cfg = settings(task=TASK)
+    cfg = settings(task=TASK, tradeoffs=1) | {"seed": -1}  # at random
     cfg["actor"] |= {"hidden_dims": [-1, 8], "activation": "identity"}
     with contextlib.redirect_stdout(io.StringIO()):
         runner = learn(OnPolicyRunner(Points(), cfg, None, "cpu"), 1)
@@ -302,11 +303,29 @@ def test_reward_functions_of_other_hosts_are_terms(listed):
     env.reward_functions = [*functions.values()] if listed else dict(functions)
     env.reward_names = [*functions]
     rewards = ObjectiveRewards(terms_of(env))
-    called = env.reward_functions if listed else env.reward_functions.values()
-    reward = sum(f() * s for f, s in zip(called, env.reward_scales.values(), strict=True))
-    parts, guide = rewards(reward)
+
+    def reward_of_step() -> Any:
+        called = env.reward_functions if listed else env.reward_functions.values()
+        return sum(f() * s for f, s in zip(called, env.reward_scales.values(), strict=True))
+
+    parts, guide = rewards(reward := reward_of_step())
     assert torch.allclose(parts, torch.tensor([[0.02, -0.1], [0.04, -0.1]]))
     assert torch.allclose(guide[:, 0], reward)  # the whole reward leads every trade-off
+    env.reward_functions = [*functions.values()] if listed else functions  # as a host may, later
+    with pytest.raises(MorlaxError, match="another reward function 'height'"):
+        rewards(reward_of_step())
+
+
+def test_a_script_that_plays_may_switch_rewards_off(trained):  # as Genesis' go2_eval.py does
+    _, folder = trained
+    env = Points(1)
+    del env.reward_manager
+    runner = make(env, objectives=None)
+    with pytest.raises(MorlaxError, match="'saving'\\], not \\['rewards', 'costs'\\]"):
+        runner.load(str(folder / "model_59.pt"))
+    learn(make(Points(), objectives=None, folder=str(folder / "own")), 1)
+    runner.load(str(folder / "own" / "model_0.pt"))
+    assert runner.get_inference_policy()(env.get_observations()).shape == (1, 2)
 
 
 def test_the_termination_reward_of_legged_gym_is_a_term():
@@ -323,24 +342,36 @@ def test_the_termination_reward_of_legged_gym_is_a_term():
 
 def test_a_term_that_the_host_does_not_pay_has_a_weight_of_one():
     env = Points(2)
-    rewards = ObjectiveRewards(terms_of(env), OBJECTIVES, {"*": 1.0, "effort": 0.0})
-    _, reward, _, _ = env.step(torch.ones(2, 2))
-    parts, guide = rewards(reward)
-    assert parts[0].tolist() == pytest.approx([0.04, 0.1 * (-0.5 * 2 + 0.05)], rel=1e-4)
-    assert guide[0, 0].item() == pytest.approx(0.04)
+    for _ in range(2):  # the second time in worlds that are watched already
+        rewards = ObjectiveRewards(terms_of(env), OBJECTIVES, {"*": 1.0, "effort": 0.0})
+        _, reward, _, _ = env.step(torch.ones(2, 2))
+        parts, guide = rewards(reward)
+        env.reset()
+        assert parts[0].tolist() == pytest.approx([0.04, 0.1 * (-0.5 * 2 + 0.05)], rel=1e-4)
+        assert guide[0, 0].item() == pytest.approx(0.04)
+    for _ in range(198):
+        rewards(env.step(torch.ones(2, 2))[1])
+    env.reward_manager.get_term_cfg("alive").weight = 0.1  # a curriculum
+    with pytest.raises(MorlaxError, match="give terms that it pays later a small weight"):
+        for _ in range(100):
+            rewards(env.step(torch.ones(2, 2))[1])
 
 
 def function_of_terms(env: Points) -> dict[str, torch.Tensor]:
-    return {"x": env.position[:, 0], "y": -env.position[:, 1]}
+    return {"x": env.position[:, :1], "y": -env.position[:, 1]}
 
 
 def test_a_function_reads_the_terms_of_any_other_host():
     alg = learn(make(terms=f"{__name__}:function_of_terms", objectives=None), 1).alg
     assert alg.objectives == ["x", "y"]
     env = Points(2)
-    env.position = torch.tensor([[1.0, 2.0], [3.0, 4.0]])
-    parts, _ = ObjectiveRewards(terms_of(env, f"{__name__}:function_of_terms"))(torch.zeros(2))
-    assert parts.tolist() == [[1.0, -2.0], [3.0, -4.0]]
+    env.position = torch.tensor([[1, 2], [3, 4]])  # counts
+    terms = terms_of(env, f"{__name__}:function_of_terms")
+    parts, _ = ObjectiveRewards(terms, {"x": {"x": 0.5}, "y": {"y": 1.0}})(torch.zeros(2))
+    assert parts.tolist() == [[0.5, -2.0], [1.5, -4.0]]
+    env.position = torch.ones(8, 2)  # a term for each of four feet
+    with pytest.raises(MorlaxError, match="function_of_terms cannot be read: Runtime"):
+        terms.read()
 
 
 @pytest.mark.parametrize(
@@ -366,11 +397,15 @@ def test_wrong_options_are_one_sentence(options, message):
 def test_a_family_of_other_features_is_one_sentence(trained, tmp_path):
     with pytest.raises(MorlaxError, match="other objectives, features, layers"):
         make(features=5).load(str(trained[1] / "model_59.pt"))
+    with pytest.raises(MorlaxError, match=r"'saving'\], not \['saving', 'tracking'\]"):
+        make(objectives=dict(reversed(OBJECTIVES.items()))).load(str(trained[1] / "model_59.pt"))
     learn(make(kind="PPO", folder=str(tmp_path)), 1)
     cfg = settings()
     cfg["critic"]["hidden_dims"] = [32]
     with pytest.raises(MorlaxError, match="plain checkpoint has other layers"):
         OnPolicyRunner(Points(), cfg, None, "cpu").load(str(tmp_path / "model_0.pt"))
+    with pytest.raises(MorlaxError, match="is a checkpoint of rsl_rl that is no run"):
+        morlax_torch.load(tmp_path)
     with pytest.raises(MorlaxError, match="no checkpoint that ParetoPPO has written"):
         specialize(Path(__file__), (1, 1), "never.pt")
 
@@ -385,6 +420,8 @@ def test_other_models_and_rewards_are_one_sentence():
     env = Points()
     rewards = ObjectiveRewards(terms_of(env), OBJECTIVES)
     rewards(env.step(torch.zeros(96, 2))[1].clamp(min=0))  # there is nothing to clip
+    for name in env.reward_manager.active_terms:
+        env.reward_manager.get_term_cfg(name).weight *= 1e-3  # small rewards are checked as well
     _, reward, _, _ = env.step(torch.ones(96, 2))
     with pytest.raises(MorlaxError, match="add up to another reward"):
         rewards(reward.clamp(min=0))
