@@ -208,9 +208,10 @@ class Generated(nn.Module, ABC):
 
     def specialize(self, condition: Tensor) -> nn.Module:
         """Return a plain copy of the target with the parameters of one condition (m + d,)."""
-        network = copy.deepcopy(self.target).to(condition.device)
         with torch.no_grad():
-            values = {**self.split(self.flat(condition[None])[0]), **self._buffers_of_family()}
+            flat = self.flat(condition[None])[0]
+            network = copy.deepcopy(self.target).to(flat)  # its device and type
+            values = {**self.split(flat), **self._buffers_of_family()}
             for name, tensor in [*network.named_parameters(), *network.named_buffers()]:
                 tensor.copy_(values[name])
         return network

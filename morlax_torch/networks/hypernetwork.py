@@ -65,10 +65,10 @@ class Hypernetwork(Generated):
         self.bias = nn.Parameter(start)
 
     def flat(self, conditions: Tensor) -> Tensor:
-        if conditions.shape[-1] != self._inputs:
+        if conditions.ndim != 2 or conditions.shape[1] != self._inputs:
             shape = tuple(conditions.shape)
             raise MorlaxError(f"trade-offs are (K, {self._inputs}) for this network, not {shape}.")
-        inputs = on_simplex(conditions, self._num_objectives)
+        inputs = on_simplex(conditions.to(self.bias.dtype), self._num_objectives)
         features = fused.mlp(inputs, self._features_mlp, self.features)  # (K, F)
         return torch.addmm(self.bias, features, self.weight.t())
 

@@ -94,6 +94,7 @@ def test_tradeoffs_are_normalized_to_sum_to_one():
     factors = torch.tensor([0.01, 1.0, 2.0, 30.0, 512.0])[:, None]
     for name, value in family(factors * TRADEOFFS).items():
         torch.testing.assert_close(value, family(TRADEOFFS)[name])
+        torch.testing.assert_close(value, family(factors * TRADEOFFS.double())[name])  # of numpy
 
 
 def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
@@ -104,6 +105,8 @@ def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
         assert type(member) is type(target)
         assert member.state_dict().keys() == target.state_dict().keys()
         torch.testing.assert_close(member(*(x[k] for x in inputs)), outputs[k])
+    types = {value.dtype for value in family.double().specialize(TRADEOFFS[0]).parameters()}
+    assert types == {torch.float64}
 
 
 def test_dropout_is_active_in_training_alone():
@@ -131,10 +134,12 @@ def test_trade_offs_without_a_direction_are_refused(row):
             family(torch.tensor([[0.2, 0.3, 0.5], row]))
 
 
-def test_trade_offs_of_the_wrong_length_are_refused():
+@pytest.mark.parametrize("shape", [(1, 2), (3,)])
+def test_trade_offs_of_the_wrong_shape_are_refused(shape):
     family = Hypernetwork(nn.Linear(3, 2), M)
-    with pytest.raises(MorlaxError, match=r"are \(K, 3\) for this network, not \(1, 2\)"):
-        family(torch.ones(1, 2))
+    with pytest.raises(MorlaxError, match=r"are \(K, 3\) for this network, not \(") as error:
+        family(torch.ones(shape))
+    assert str(shape) in str(error.value)
 
 
 @pytest.mark.parametrize("kind", ["mlp", "own"])
