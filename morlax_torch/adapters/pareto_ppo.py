@@ -200,8 +200,10 @@ class ParetoPPO(PPO):
             self._logged = {f"Pareto/{name}": value for name, value in pairs}
             front = self.front.indicators() if self.front else {}
             self._logged |= {f"Pareto/{name}": value for name, value in front.items()}
-        log = extras["episode"] if "episode" in extras else extras.setdefault("log", {})
-        log |= self._logged
+            extras.setdefault("log", {})
+        # rsl_rl 5.0 logs the names in the first log of a rollout alone, which should be the host's
+        for name in extras.keys() & {"episode", "log"}:
+            extras[name] |= self._logged
 
     def compute_returns(self, obs: TensorDict) -> None:
         storage, per_batch = self.storage, self.normalize_advantage_per_mini_batch

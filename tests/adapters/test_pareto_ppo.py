@@ -86,6 +86,24 @@ def test_its_front_trades_off_and_tensorboard_shows_it(trained):
     assert logged.Scalars("Pareto/non_dominated")[-1].value >= 0.5
 
 
+def test_what_a_host_logs_when_episodes_end_comes_first():
+    env, steps = Points(), []
+    step = env.step
+
+    def log_at_ends(actions: torch.Tensor) -> tuple[Any, ...]:
+        *others, extras = step(actions)
+        if not extras["time_outs"].any():
+            del extras["log"]
+        steps.append(extras)
+        return *others, extras
+
+    env.step = log_at_ends
+    learn(make(env), 3)
+    logs = {index: extras["log"] for index, extras in enumerate(steps) if "log" in extras}
+    assert [*logs] == [7, 15, 19, 23]  # of rollouts of 8 steps and episodes of 20
+    assert all("Pareto/tracking" in log for log in logs.values())
+
+
 def test_advantages_are_those_of_ppo_for_the_weighted_reward():
     torch.manual_seed(1)
     family = make(tradeoffs=1, evaluation_worlds=0, focus=(3.0, 1.0)).alg
