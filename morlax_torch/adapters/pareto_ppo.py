@@ -316,11 +316,11 @@ def _check_sizes(storage: FamilyStorage, minibatches: int) -> None:
 
     K = storage.tradeoffs
     if not fits(K):
-        lower = next((k for k in range(K, 1, -1) if fits(k)), 1)
+        lower = next((f"set tradeoffs to {k}, or " for k in range(K, 0, -1) if fits(k)), "")
         raise MorlaxError(
             f"tradeoffs ({K}) must divide the {storage.num_envs} worlds that learn, and each "
-            f"of the {minibatches} minibatches: set tradeoffs to {lower}, or change the number of "
-            "worlds or evaluation_worlds."
+            f"of the {minibatches} minibatches: {lower}change the number of worlds, "
+            "evaluation_worlds or num_mini_batches."
         )
 
 

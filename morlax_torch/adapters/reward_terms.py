@@ -111,7 +111,7 @@ def terms_of(env: Any, reader: str | None = None) -> Terms:
     base = getattr(env, "unwrapped", env)
     if reader:
         return CalledTerms(base, reader, env.num_envs)
-    if hasattr(base, "reward_manager"):
+    if getattr(base, "reward_manager", None):
         return ManagerTerms(base)
     if getattr(base, "reward_functions", None):
         return FunctionTerms(base)

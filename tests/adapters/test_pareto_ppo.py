@@ -397,6 +397,7 @@ def test_a_function_reads_the_terms_of_any_other_host():
     [
         ({"tradeoffs": 70}, "96 worlds are fewer than tradeoffs \\(70\\)"),
         ({"tradeoffs": 6}, "tradeoffs \\(6\\) must divide .* set tradeoffs to 4"),
+        ({"num_mini_batches": 7}, "the 7 minibatches: change the number of worlds, eval"),
         ({"evaluation_worlds": 12}, "must be a multiple of 8"),
         ({"objectives": {"a": {"trak_x": 1.0}, "b": {"effort": 1.0}}}, "did you mean 'track_x'"),
         ({"objectives": {"a": {"effort": 1.0}}}, "at least two objectives"),
