@@ -218,19 +218,20 @@ class ParetoPPO(PPO):
         self.actor.end_rollout()
         self.critic.end_rollout()
 
+    def _kind(self) -> dict[str, Any]:
+        """Return what a checkpoint must have in common with this family."""
+        shapes = {name: dict(getattr(self, name).family.shapes) for name in ("actor", "critic")}
+        return {"objectives": self.objectives, "std_name": self.actor.std_name, "shapes": shapes}
+
     def save(self) -> dict[str, Any]:
         """Return the checkpoint: the family, its optimizer, and a plain actor."""
         shown = self.actor.shown[0]
         saved = {
             "actor_state_dict": self.actor.plain(shown).state_dict(),
             FAMILY: {
-                "objectives": self.objectives,
-                "std_name": self.actor.std_name,
+                **self._kind(),
                 "actor": self.actor.state_dict(),
                 "critic": self.critic.state_dict(),
-                "shapes": {
-                    name: dict(getattr(self, name).family.shapes) for name in ("actor", "critic")
-                },
                 "optimizer": compact(self.optimizer.state_dict()),
                 "front": self.front.state_dict() if self.front else {},
                 "rollouts": self._rollouts,
@@ -267,8 +268,9 @@ class ParetoPPO(PPO):
             "optimizer_state_dict": expanded(family["optimizer"]),
         }
         try:
-            if family["objectives"] != self.objectives:
-                raise RuntimeError(f"{family['objectives']}, not {self.objectives}")
+            for name, own in self._kind().items():
+                if family[name] != own:
+                    raise RuntimeError(f"its {name} are {family[name]}, not {own}")
             self._rollouts = family["rollouts"]
             if load_cfg is None and self.front and family["front"]:
                 self.front.load_state_dict(family["front"])
