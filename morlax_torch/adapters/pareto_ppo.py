@@ -94,7 +94,8 @@ class ParetoPPO(PPO):
         options = take_options(algorithm)
         _check_supported(cfg)
         cfg["obs_groups"] = groups = resolve_obs_groups(obs, cfg["obs_groups"], ["actor", "critic"])
-        bind = cache(lambda: _rewards_of(env, options))
+        split = options.objectives, options.guide
+        bind = cache(lambda: ObjectiveRewards(terms_of(env, options.terms), *split))
         # a script that plays may switch rewards off, such as Genesis' go2_eval.py
         names = [*(options.objectives or (bind().objectives if options.terms else SIGNS))]
         try:
@@ -196,10 +197,9 @@ class ParetoPPO(PPO):
             self.front.observe(parts[learning:], dones[learning:])
         if self.storage.step == self.storage.num_transitions_per_env:
             paid = (self._paid / self.storage.step).tolist()
-            pairs = zip(self.objectives, paid, strict=True)
-            self._logged = {f"Pareto/{name}": value for name, value in pairs}
-            front = self.front.indicators() if self.front else {}
-            self._logged |= {f"Pareto/{name}": value for name, value in front.items()}
+            values = dict(zip(self.objectives, paid, strict=True))
+            values |= self.front.indicators() if self.front else {}
+            self._logged = {f"Pareto/{name}": value for name, value in values.items()}
             extras.setdefault("log", {})
         # rsl_rl 5.0 logs the names in the first log of a rollout alone, which should be the host's
         for name in extras.keys() & {"episode", "log"}:
@@ -324,7 +324,3 @@ def _check_sizes(storage: FamilyStorage, minibatches: int) -> None:
             f"of the {minibatches} minibatches: {lower}change the number of worlds, "
             "evaluation_worlds or num_mini_batches."
         )
-
-
-def _rewards_of(env: Any, options: ParetoOptions) -> ObjectiveRewards:
-    return ObjectiveRewards(terms_of(env, options.terms), options.objectives, options.guide)
