@@ -14,7 +14,7 @@ from ..envs.errors import MorlaxError, unknown, user_code
 Weights = Mapping[str, float]  # factors by a term's name, or by a pattern such as track_*
 WATCHED = 1e-9  # weight of a term that the host does not pay, so that it computes the term
 TOLERANCE = 1e-3  # of the sum of terms, relative to the sum of their sizes
-CHECKED = 100  # a check in each of the first steps, and then in every 100th: hosts change rewards
+CHECKED = 100  # first steps with a check; a host that clips rewards may clip none in the first one
 SIGNS = {"rewards": 1, "costs": -1}  # default objectives, of the terms with such weights
 APART = "termination"  # a term that legged_gym keeps out of its list of functions
 
@@ -35,6 +35,7 @@ class ManagerTerms:
         }
         scaled = getattr(env.cfg, "scale_rewards_by_dt", True)
         self._time_step = env.step_dt if scaled else 1.0
+        self._unpaid = [name for name, weight in self.weights.items() if not weight]
 
     def watch(self, name: str) -> float:
         """Let the host compute a term that it does not pay; returns what to multiply it by."""
@@ -43,6 +44,12 @@ class ManagerTerms:
 
     def read(self) -> Tensor:
         """Return the terms (N, t) of the last step, as paid, in the order of `weights`."""
+        for name in self._unpaid:
+            if self._configs[name].weight not in (0.0, WATCHED):  # set by a curriculum
+                raise MorlaxError(
+                    f"the reward term {name} had a weight of zero when training began, and now has "
+                    "another one: give it a small weight from the start."
+                )
         return self._manager._step_reward * self._time_step
 
 
@@ -168,7 +175,7 @@ class ObjectiveRewards:
         )  # (t, m + 1)
         self._paid = torch.tensor([float(name in paid) for name in weights])
         # terms that a function reads need not be the reward's
-        self._checked, self._steps = not isinstance(terms, CalledTerms), 0
+        self._unchecked = 0 if isinstance(terms, CalledTerms) else CHECKED
 
     def _expanded(self, group: Weights) -> dict[str, float]:
         """Return factors by names of terms; patterns stand for terms that the host pays."""
@@ -186,20 +193,21 @@ class ObjectiveRewards:
         """Return the last step's rewards per objective (N, m), and the guide (N, 1).
 
         Raises:
-            MorlaxError: the terms do not add up to the host's `reward` (N,), or cannot be read.
+            MorlaxError: the terms cannot be read, or do not add up to the host's `reward` (N,) in
+                the first steps.
         """
         terms = self._terms.read().to(reward.device, torch.float32)
         self._matrix, self._paid = self._matrix.to(terms), self._paid.to(terms)
-        self._steps += 1
-        if self._checked and (self._steps <= CHECKED or self._steps % CHECKED == 0):
+        if self._unchecked:
+            self._unchecked -= 1
             paid = terms * self._paid
             difference = float((paid.sum(-1) - reward).abs().max())
             if not difference <= TOLERANCE * (TOLERANCE + float(paid.abs().sum(-1).max())):
                 raise MorlaxError(
                     f"the reward terms add up to another reward than the environment's (by up to "
                     f"{difference:.2g}): turn its clipping off, such as legged_gym's "
-                    "only_positive_rewards, give terms that it pays later a small weight from the "
-                    "start, or name a function that reads them, terms: MODULE:FUNCTION."
+                    "only_positive_rewards, or name a function that reads them, terms: "
+                    "MODULE:FUNCTION."
                 )
         rewards = terms @ self._matrix
         return rewards[:, :-1], rewards[:, -1:]

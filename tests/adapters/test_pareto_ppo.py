@@ -367,12 +367,9 @@ def test_a_term_that_the_host_does_not_pay_has_a_weight_of_one():
         env.reset()
         assert parts[0].tolist() == pytest.approx([0.04, 0.1 * (-0.5 * 2 + 0.05)], rel=1e-4)
         assert guide[0, 0].item() == pytest.approx(0.04)
-    for _ in range(198):
-        rewards(env.step(torch.ones(2, 2))[1])
     env.reward_manager.get_term_cfg("alive").weight = 0.1  # a curriculum
-    with pytest.raises(MorlaxError, match="give terms that it pays later a small weight"):
-        for _ in range(100):
-            rewards(env.step(torch.ones(2, 2))[1])
+    with pytest.raises(MorlaxError, match="term alive had a weight of zero"):
+        rewards(env.step(torch.ones(2, 2))[1])
 
 
 def function_of_terms(env: Points) -> dict[str, torch.Tensor]:
@@ -443,7 +440,7 @@ def test_other_models_and_rewards_are_one_sentence():
     env = Points()
     rewards = ObjectiveRewards(terms_of(env), OBJECTIVES)
     rewards(env.step(torch.zeros(96, 2))[1].clamp(min=0))  # there is nothing to clip
-    for name in env.reward_manager.active_terms:
+    for name in {*env.reward_manager.active_terms} - {"alive"}:
         env.reward_manager.get_term_cfg(name).weight *= 1e-3  # small rewards are checked as well
     _, reward, _, _ = env.step(torch.ones(96, 2))
     with pytest.raises(MorlaxError, match="add up to another reward"):
