@@ -106,7 +106,7 @@ def _show(designer: "Designer", parts: "Sequence[Simulated]", best: float) -> No
         volume = f"{designer.hypervolume(part):.4e}"
         table.add_row(name, volume, str(len(front.values)), str(bodies))
         if part is default:
-            table.add_row("best other body", f"{best:.4e}", "", "1")
+            table.add_row("best body", f"{best:.4e}", "", "1")
     cli.console.print(table)
     for index, name in enumerate(designer.policy.objectives):
         row = int(np.nanargmax(simulated.returns[:, index]))

@@ -147,6 +147,11 @@ class Evaluator:
         return pareto.hypervolume(rates[:, :-1] * steps, self.reference_point)
 
     @property
+    def duration(self) -> float:
+        """Seconds of an episode, as far as its returns count."""
+        return self._horizon * self.env.dt
+
+    @property
     def period(self) -> float:
         """Seconds between two changes of a trade-off over time."""
         return self._stride * self.env.dt

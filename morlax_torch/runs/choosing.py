@@ -87,7 +87,7 @@ def choose(
             or no policy keeps the requirements.
     """
     if isinstance(run, Front):
-        return Chooser(None, run).choose(constraints, maximize, at_most, margin)
+        return Chooser(None, run, seeds).choose(constraints, maximize, at_most, margin)
     torch_device = resolve_device(device)
     front = None if isinstance(run, Policy) else load_front(run)
     policy = (run if isinstance(run, Policy) else load(run, torch_device)).to(torch_device)
@@ -106,7 +106,8 @@ class Chooser:
         self._evaluator: Evaluator | None = None
         if front is not None and (policy is None or _lacks_gpu(policy)):
             if seeds is not None:
-                raise MorlaxError("nothing is simulated without a GPU: leave seeds out.")
+                reason = "of a Front alone" if policy is None else "without a GPU"
+                raise MorlaxError(f"nothing is simulated {reason}: leave seeds out.")
             self._names = front.objectives, front.quantity_names
             self._remember(front.tradeoffs, front)
         elif policy is not None:

@@ -1,6 +1,7 @@
 """Search for a trade-off that changes over an episode, under requirements per window of time."""
 
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -17,6 +18,7 @@ from .evolution import evolve
 POPULATION = 64  # trade-offs over time that are simulated together
 ROUNDS = {"constant": 4, "over time": 20}  # generations, after the policies of the front
 FINALISTS = 16  # simulated again in other episodes, if the task is random
+LEVEL = itemgetter(1)  # of a name and its required value
 BROKEN = 1e6  # lowers the score of a policy that misses a requirement by a value's whole range
 
 
@@ -55,8 +57,7 @@ class Scheduler:
         self._random = policy.config.task.for_evaluation().varies
         self._margin = (RANDOM_MARGIN if self._random else 0.0) if margin is None else margin
         self._open(POPULATION, seeds, seed)
-        env = self._evaluator.env
-        self._duration = env.dt * env.episode_length
+        env, self._duration = self._evaluator.env, self._evaluator.duration
         if not np.isfinite(self._duration):
             raise MorlaxError(f"{policy.config.env} does not tell how long a control step takes.")
         if env.follows_part:
@@ -65,7 +66,9 @@ class Scheduler:
                 "follows: train with --task.episode-length, the motion's control steps less one."
             )
         self._windows: dict[str, tuple[int, float, float]] = {}  # value, start, end by name
-        named = [{self._name(name): x for name, x in levels.items()} for levels in (least, most)]
+        # of a value that is named in two ways, the strictest requirement comes last
+        rising, falling = sorted(least.items(), key=LEVEL), sorted(most.items(), key=LEVEL)[::-1]
+        named = [{self._name(name): x for name, x in levels} for levels in (rising, falling)]
         maximize = self._name(maximize)
         names = policy.objectives, (*env.quantities, *self._windows)
         self.required = Requirements.of(*names, named[0], maximize, named[1])

@@ -392,6 +392,8 @@ def test_mistakes_are_one_sentence(circle, constraints, maximize, message):
 def test_numbers_out_of_range_are_refused(circle):
     with pytest.raises(MorlaxError, match=r"margin is -0\.1: it must be from 0 to 1"):
         choose(circle, {"run": 1.0}, "save", margin=-0.1)
+    with pytest.raises(MorlaxError, match="of a Front alone: leave seeds out"):
+        choose(circle, {"run": 1.0}, "save", seeds=8)
     with pytest.raises(MorlaxError, match="would only repeat the same episode"):
         choose("cheetah", {}, "run", seeds=2, device="cpu")
 

@@ -9,7 +9,7 @@ import torch
 import yaml
 from closed_form import PLACES
 
-from morlax_torch import Policy, envs, load, save
+from morlax_torch import MorlaxError, Policy, envs, load, save
 from morlax_torch.commands import choose, record
 from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.evaluation.evaluator import Evaluator
@@ -75,6 +75,25 @@ def test_weights_change_no_faster_than_the_slew(cheetah):
     (limited,) = searching._limited(np.stack([wanted, 1 - wanted], 1)[None])
     np.testing.assert_allclose(limited[:, 0], [1.0, 0.7, 0.4, 0.1, 0.4], atol=2e-5)
     np.testing.assert_allclose(limited.sum(1), 1, atol=1e-9)
+
+
+def test_of_a_window_written_in_two_ways_the_strictest_requirement_counts(cheetah):
+    least = {"run @ 0-1": 50.0, "run @ 0.0-1.0": 40.0}
+    most = {"energy @ 1-2": 70.0, "energy @ 1-2.0": 80.0}
+    required = schedules.Scheduler(load(cheetah), least, "energy", most).required
+    assert {required.names[limit.index]: limit.level for limit in required.limits} == {
+        "run @ 0-1 s": 50.0,
+        "energy @ 1-2 s": 70.0,
+    }
+
+
+def test_a_window_lies_in_the_steps_that_discounted_returns_count(cheetah):
+    policy = load(cheetah)
+    config = policy.config.with_task(episode_length=700)
+    discounted = config.evaluation.model_copy(update={"protocol": "discounted"})
+    policy.config = config.model_copy(update={"evaluation": discounted})
+    with pytest.raises(MorlaxError, match="ends after 5 s"):
+        schedules.Scheduler(policy, {"run @ 6-7": 1.0}, "energy", {})
 
 
 def test_a_search_takes_any_seed_that_worlds_take():
