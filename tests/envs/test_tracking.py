@@ -19,6 +19,7 @@ from morlax_torch.envs.bridges.mjlab import worlds as mjlab_worlds
 from morlax_torch.envs.bridges.mjlab.following import landing_impact
 from morlax_torch.envs.bridges.mjlab.motion import arrays, prepared
 from morlax_torch.envs.bridges.mjlab.step import MaskedStep
+from morlax_torch.envs.errors import MorlaxWarning
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import load_front
 from morlax_torch.train import train
@@ -209,6 +210,9 @@ def test_a_csv_file_and_another_frame_rate_make_the_same_motion(motion, tmp_path
             vel = 0.06 if "vel" in name else 2e-3
             np.testing.assert_allclose(values[:99], its[name][:99], atol=vel, err_msg=name)
     assert all((loaded(motion)[name] == its[name]).all() for name in its.files)
+    np.savetxt(tmp_path / "w_first.csv", squat(), delimiter=",")
+    with pytest.warns(MorlaxWarning, match="upside down: is its quaternion w x y z"):
+        loaded(tmp_path / "w_first.csv", 50.0)
 
 
 def changed(folder: Path, name: str, change: Callable[[np.ndarray], np.ndarray | None]) -> Path:
@@ -228,6 +232,8 @@ def jump(folder: Path, row: int, column: int, size: float) -> Path:
 BAD = {
     "23 joints and 30 bodies, and th": lambda p: changed(p, "joint_pos", lambda x: x[:, :23]),
     "lacks body_quat_w: a motion in": lambda p: changed(p, "body_quat_w", lambda x: None),
+    "needs as many frames of joint_pos,": lambda p: changed(p, "body_pos_w", lambda x: x[:9]),
+    "and a number in fps: write": lambda p: changed(p, "fps", lambda x: x[:0]),
     "lacks fps: a motion in mjlab's": lambda p: changed(p, "fps", lambda x: None),
     "says 25 frames .* about 50: correct": lambda p: changed(p, "fps", lambda x: x / 2),
     "jumps after frame 39, at 60 rad/s if it has 30": lambda p: jump(p, 40, 12, 2.0),

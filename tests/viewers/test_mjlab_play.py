@@ -114,6 +114,9 @@ def test_two_terms_of_one_function_are_two_observations(monkeypatch):
         cfg = changed(name, *options)
         terms = cfg.observations["actor"].terms
         terms["legs"] = replace(terms["joint_pos"], scale=0.5)
+        terms["lure"] = replace(terms["command"], params={"command_name": "prey"})
+        ranges = replace(cfg.commands["twist"].ranges, lin_vel_x=(0.0, 9.0))
+        cfg.commands["prey"] = replace(cfg.commands["twist"], ranges=ranges)
         return cfg
 
     changed = worlds.changed
@@ -124,6 +127,9 @@ def test_two_terms_of_one_function_are_two_observations(monkeypatch):
     names = "joint_pos_rel", "joint_pos_rel_legs"
     assert [observations[name]["scale"][0] for name in names] == [1, 0.5]
     assert len(observations) == len(terms) == len(robot.layout())
+    assert observations["velocity_commands"]["params"] == {"command_name": "base_velocity"}
+    assert observations["lure"]["params"] == {"command_name": "prey"}
+    assert settings["commands"]["base_velocity"]["ranges"]["lin_vel_x"] == [-1.0, 1.0]
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ...errors import MorlaxError
+from ...errors import MorlaxError, warn_user
 
 BODIES = ("body_pos_w", "body_quat_w", "body_lin_vel_w", "body_ang_vel_w")
 KEYS = ("joint_pos", "joint_vel", *BODIES)
@@ -58,20 +58,30 @@ def _from_csv(path: Path, model: mujoco.MjModel) -> np.ndarray:
             f"{path} has {rows.shape[1]} columns, but a motion of this robot {model.nq}: x y z of "
             f"the root, its quaternion x y z w, and the angles of {model.nq - 7} joints."
         )
-    return rows[:, [0, 1, 2, 6, 3, 4, 5, *range(7, model.nq)]] if rows.size else rows
+    if not rows.size:
+        return rows
+    x, y, z, _ = rows[:, 3:7].T
+    if (1 - 2 * (x**2 + y**2)).mean() < 0 < (1 - 2 * (y**2 + z**2)).mean():
+        warn_user(f"{path} shows a robot upside down: is its quaternion w x y z, not x y z w?")
+    return rows[:, [0, 1, 2, 6, 3, 4, 5, *range(7, model.nq)]]
 
 
 def _from_npz(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, float]:
     """Read positions (T, nq) and the frame rate from a file in mjlab's format."""
     try:
         with np.load(path) as file:
-            motion = {name: file[name] for name in file.files}
+            names = {*KEYS, "fps"} & {*file.files}
+            motion = {name: np.atleast_1d(file[name].astype(float)) for name in names}
     except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile):
         raise MorlaxError(f"{path} is neither a CSV nor an npz file.") from None
     if missing := [name for name in (*KEYS, "fps") if name not in motion]:
         raise MorlaxError(
             f"{path} lacks {', '.join(missing)}: a motion in mjlab's format has {', '.join(KEYS)} "
             "and its frame rate, fps."
+        )
+    if len({len(motion[name]) for name in KEYS}) > 1 or not motion["fps"].size:
+        raise MorlaxError(
+            f"{path} needs as many frames of {', '.join(KEYS)}, and a number in fps: write it anew."
         )
     angles, speeds, positions, rotations = (motion[name] for name in KEYS[:4])
     sizes, expected = (angles.shape[-1], positions.shape[1]), (model.nq - 7, model.nbody - 1)
@@ -80,14 +90,14 @@ def _from_npz(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, float]:
             f"{path} is a motion of another robot: it has {sizes[0]} joints and {sizes[1]} bodies, "
             f"and this robot {expected[0]} and {expected[1]}."
         )
-    fps = float(np.ravel(motion["fps"])[0])
+    fps = motion["fps"].flat[0]
     change, speed = np.linalg.norm(np.diff(angles, axis=0)), np.linalg.norm(speeds[:-1])
     if not fps > 0 or speed < 0.7 * fps * change or speed > 1.4 * fps * change:
         raise MorlaxError(
             f"{path} says {fps:g} frames per second, but its joint_vel is that of about "
             f"{speed / max(change, 1e-9):.0f}: correct its fps."
         )
-    return np.concatenate([positions[:, 0], rotations[:, 0], angles], 1).astype(float), fps
+    return np.concatenate([positions[:, 0], rotations[:, 0], angles], 1), fps
 
 
 def _check(path: Path, qpos: np.ndarray, fps: float, model: mujoco.MjModel) -> None:

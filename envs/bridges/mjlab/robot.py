@@ -68,7 +68,7 @@ class MjlabRobot(MjlabWorlds, Robot):
         state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
         self.physics = SimpleNamespace(model=model, **state)
         self.motion: Any = None  # mjlab's term of the command, if a motion is followed
-        self.command_limits = {}
+        self.command_limits, self._steered = {}, ""
         for name, term in self.env.cfg.commands.items():
             ranges = vars(term.ranges) if hasattr(term, "ranges") else {}
             limits = {key: value for key, value in ranges.items() if key != "heading"}
@@ -77,8 +77,9 @@ class MjlabRobot(MjlabWorlds, Robot):
                 self.motion = self.env.command_manager.get_term(name)
                 self.episode_length = self.motion.motion.time_step_total - 1
                 self.env.cfg.episode_length_s = (self.episode_length - 0.5) * self.env.step_dt
-            if len(limits) == command.shape[1]:
-                self.command_limits, self.command = limits, command
+            # the velocity, if there are several commands
+            if len(limits) == command.shape[1] and tuple(self.command_limits) != AXES:
+                self.command_limits, self.command, self._steered = limits, command, name
 
     def config(self, seed: int) -> Any:
         cfg = super().config(seed)
@@ -195,9 +196,13 @@ class MjlabRobot(MjlabWorlds, Robot):
 
     def _label(self, name: str) -> str:
         """Return unitree_rl_lab's name of a term of the observation."""
-        function: str = self._observed(name).func.__name__
-        if function == "generated_commands" and self.motion is not None:
-            return "motion_command"
+        cfg = self._observed(name)
+        function, command = cfg.func.__name__, cfg.params.get("command_name")
+        if function == "generated_commands":
+            if self.motion is self.env.command_manager.get_term(command):
+                return "motion_command"
+            steered = command == self._steered and tuple(self.command_limits) == AXES
+            return NAMES[function] if steered else name
         return name if function == "builtin_sensor" else NAMES.get(function, function)
 
     def _observation(self, part: Part) -> dict[str, Any]:
@@ -210,7 +215,8 @@ class MjlabRobot(MjlabWorlds, Robot):
         if label == "last_action":  # mjlab sees actions that have been scaled
             scale *= self.options.action_scale
             clip = clip and [bound / self.options.action_scale for bound in clip]
-        params = {name: value for name, value in cfg.params.items() if name == "sensor_name"}
+        named = "sensor_name", "command_name"
+        params = {name: value for name, value in cfg.params.items() if name in named}
         if label == "velocity_commands":
             params["command_name"] = "base_velocity"
         if label.startswith("motion_"):
