@@ -16,7 +16,7 @@ class Export(OfRun):
 
     The file includes observation normalization and the tanh on actions. Its metadata describe
     inputs and outputs: task, trade-off, order of observations and joints, control rate. The file is
-    read back and compared with the policy. If actions are positions of joints, as in mjlab's tasks,
+    read back and compared with the policy. For tasks of mjlab whose actions are positions of joints,
     deploy.yaml and robot.zip are written beside it, for a controller and for morlax play.
     """
 
@@ -59,8 +59,8 @@ def command(arguments: Sequence[str]) -> None:
         robot, facts = policy.make_robot(), {"run": provenance(run)}
         if options.slew is not None and robot.scales() is None:
             raise MorlaxError(
-                f"--slew is for {SETTINGS}, which {policy.config.env} does not have, because "
-                "its actions are not positions of joints."
+                f"--slew is for {SETTINGS}, which {policy.config.env} does not have: only "
+                "tasks of mjlab whose actions are positions of joints do."
             )
         make_folder(file.parent)
         largest = export(policy, file, options.format, weights, facts, robot)

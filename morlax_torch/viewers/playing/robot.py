@@ -141,8 +141,8 @@ def open_export(path: Path, tradeoff: str | None = None) -> Export:
     file = folder / SETTINGS
     if not path.exists() or not file.exists():
         raise MorlaxError(
-            f"there is no export {path} with {SETTINGS}: morlax export writes one for policies "
-            "whose actions are positions of joints, such as those of mjlab's velocity tasks."
+            f"there is no export {path} with {SETTINGS}: morlax export writes one for tasks "
+            "of mjlab whose actions are positions of joints."
         )
     values = read_yaml(file, "settings", "step_dt: 0.02")
     settings = validated(Settings, values, f"{file}: ")
