@@ -1,6 +1,7 @@
 """Required values, the value to maximize, and the choice that follows from both."""
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -46,7 +47,7 @@ class Requirements(NamedTuple):
         limits = []
         for sign, levels in ((1, at_least), (-1, at_most)):
             for name, level in levels.items():
-                if not np.isfinite(level):
+                if not isinstance(level, Real) or not np.isfinite(level):
                     raise MorlaxError(f"the required value of {name} is {level}: use a number.")
                 index = index_of(name, objectives, quantities)
                 limits.append(Limit(index, sign, float(level), float(level)))

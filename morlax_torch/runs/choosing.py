@@ -174,7 +174,7 @@ class Chooser:
         agent, env, protocol = self._evaluator.agent, self._evaluator.env, self._evaluator.protocol
         points = torch.ones(FINALISTS, len(required.objectives), dtype=torch.float32, device="cpu")
         seeds = env.num_worlds // FINALISTS
-        evaluator = Evaluator(agent, env, points, protocol, self._seed + 1, seeds, alone=True)
+        evaluator = Evaluator(agent, env, points, protocol, self._seed ^ 1, seeds, alone=True)
         evaluator.compile()
         finalists, values = np.empty(0, dtype=int), np.empty((0, len(required.names)))
         for first in range(0, min(len(ranked), MOST_GROUPS * (FINALISTS - 1)), FINALISTS - 1):

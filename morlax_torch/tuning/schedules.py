@@ -97,7 +97,7 @@ class Scheduler:
         moving = self._ranked(self._refined("over time", constant.weights))
         best = {"over time": moving, "constant": constant, "of the front": ranked}
         if self._random:
-            self._open(FINALISTS, self._evaluator.env.num_worlds // FINALISTS, self._seed + 1)
+            self._open(FINALISTS, self._evaluator.env.num_worlds // FINALISTS, self._seed ^ 1)
             for name, each in best.items():
                 best[name] = self._ranked(self._simulate(each.weights[:FINALISTS]))
         best = {name: each.rows(slice(1)) for name, each in best.items()}
