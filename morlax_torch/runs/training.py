@@ -17,6 +17,7 @@ from ..algorithms.registry import make_learner
 from ..configuration.config import Config
 from ..envs import MorlaxError
 from ..envs.devices import seed_of
+from ..envs.naming import is_file
 from ..evaluation.evaluator import SETS, Evaluator
 from ..evaluation.evaluator import make_evaluator as evaluator_of
 from ..evaluation.front import mean_indicators
@@ -225,6 +226,8 @@ class Session:
             raise self._failure(f"contacts overflowed their buffers in {span}: {remedy}")
         section = "method" if learner.config.off_policy else "ppo"
         remedy = f"try a lower --{section}.learning-rate"
+        if is_file(learner.config.scalarization):
+            remedy += ", or a utility whose derivative is finite at all returns"
         if blowups >= learner.steps_per_iteration * iterations:  # also before the first update
             remedy = UNSTABLE
         for name, value in metrics.items():

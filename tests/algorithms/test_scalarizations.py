@@ -27,6 +27,7 @@ from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.evaluator import Evaluator
 from morlax_torch.runs import checkpoint
 from morlax_torch.runs.progress import Progress
+from morlax_torch.train import train
 
 CPU = torch.device("cpu")
 OWN = """
@@ -249,6 +250,15 @@ def test_mistakes_are_one_sentence(name, message, own, workplace):
             "hopper", scalarization=name.replace("FILE", own), device="cpu", worlds=64
         )
         make_scalarization(config.scalarization, ("run", "jump"), CPU)
+
+
+def test_a_derivative_that_training_finds_not_to_be_finite_is_named(tasks, tmp_path):
+    file = tmp_path / "root.py"
+    file.write_text("def root(w, r):\n    return (w * (r - 0.9).sqrt()).sum(-1)\n")
+    changes = {**SMALL, "worlds": 64, "sampling.clusters": 8, "max_env_steps": 256}
+    config = config_for("concave", scalarization=f"{file}:root", **changes)
+    with pytest.raises(MorlaxError, match="or a utility whose derivative is finite"):
+        train(config, output=tmp_path / "run")
 
 
 def test_a_lack_of_memory_is_no_mistake_of_the_utility():
