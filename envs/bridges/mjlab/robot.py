@@ -197,8 +197,9 @@ class MjlabRobot(MjlabWorlds, Robot):
     def _label(self, name: str) -> str:
         """Return unitree_rl_lab's name of a term of the observation."""
         cfg = self._observed(name)
-        function, command = cfg.func.__name__, cfg.params.get("command_name")
+        function: str = cfg.func.__name__
         if function == "generated_commands":
+            command = cfg.params["command_name"]
             if self.motion is self.env.command_manager.get_term(command):
                 return "motion_command"
             steered = command == self._steered and tuple(self.command_limits) == AXES
