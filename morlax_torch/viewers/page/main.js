@@ -4,14 +4,11 @@ import { Recorded } from "./engines/recorded.js";
 import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
 import { Panel } from "./panel/panel.js";
-import { $, html, icon } from "./pictures.js";
+import { $, html, isNews, setIcon } from "./pictures.js";
 import { Talk } from "./panel/talk.js";
-import { Capture } from "./stage/capture.js";
-import { present as unit } from "./panel/units.js";
 import { even, parsed, shown } from "./tradeoffs.js";
 
 const PACES = [1, 0.5, 0.25];
-const WORDS = { play: "continue", reset: "restart", photo: "picture" }; // others are named as their icon
 const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const TURN = 0.1; // radians of the camera per key
 const query = new URLSearchParams(location.search);
@@ -22,9 +19,8 @@ const state = {
   panel: null,
   stage: null,
   talk: new Talk(() => state.engine),
-  from: 0, // index of the past pose that a replay started from
-  played: 0, // control steps since then
   replays: false,
+  clock: 0, // control steps of the stage, at which a replay is
   failure: null, // that the visitor knows
 };
 const former = []; // engines to release between two frames
@@ -62,7 +58,6 @@ async function openPacked() {
   const list = $("run");
   list.replaceChildren(...runs.map((run) => new Option(run.title, run.folder)));
   list.hidden = runs.length < 2;
-  $("title").classList.toggle("spoken", runs.length > 1);
   list.addEventListener("change", () => {
     query.delete("tradeoff");
     const run = runs.find(({ folder }) => folder === list.value);
@@ -128,6 +123,7 @@ async function load({ title, folder, bytes, shared }) {
   const begin = traffic.come;
   traffic.follow = () => {
     const [come, due] = [traffic.come - begin, size].map((x) => (x / 1e6).toFixed(1));
+    $("share").value = come / due;
     const what = recorded ? "Recorded; loading" : "Loading";
     $("progress").textContent = `${what} ${title}: ${come} of ${due} MB`;
   };
@@ -197,8 +193,8 @@ async function run() {
 
 /** Draw later poses of the past, until the present is reached. */
 function replay(stage, steps) {
-  state.played += steps;
-  stage.moment = stage.after(state.from, state.played);
+  state.clock += steps;
+  stage.moment = stage.past.findLastIndex(({ clock }) => clock <= state.clock);
   if (stage.moment === stage.past.length - 1) state.engine.pause(false);
 }
 
@@ -227,20 +223,19 @@ function showPlayback(engine, stage) {
   $("timeline").max = past.length - 1;
   $("timeline").ariaValueText = $("clock").textContent;
   if (moment === null) $("timeline").value = past.length - 1;
-  if (stopped === state.stopped && pace === state.pace) return;
-  Object.assign(state, { stopped, pace });
-  label("pause", stopped ? "Continue (space)" : "Pause (space)", stopped ? "play" : "pause");
-  label("pace", "Simulation speed", "pace", `${pace}×`);
+  if (!isNews(state, stopped, pace)) return;
+  if (stopped) label("pause", "Continue (space)", "play", "continue");
+  else label("pause", "Pause (space)", "pause", "pause");
+  $("pace").lastElementChild.textContent = `${pace}×`;
 }
 
 /** Show a sentence above the robots, for as long as it takes to read, or until the next one. */
 function announce(text, stays = false) {
   const line = $("event");
   line.textContent = text;
-  line.style.animationDuration = `${Math.max(2.4, 0.07 * text.length)}s`;
-  line.className = "";
-  void line.offsetWidth; // restarts the animation
-  line.className = stays ? "staying" : "fading";
+  line.classList.toggle("staying", stays);
+  for (const former of line.getAnimations()) former.cancel();
+  if (!stays) line.animate({ opacity: [1, 1, 0], offset: [0, 0.7, 1] }, Math.max(2400, 70 * text.length));
 }
 
 function wireControls() {
@@ -251,16 +246,13 @@ function wireControls() {
       else if (stage.moment === null) engine.pause(false);
       else state.replays = !state.replays;
     },
-    push: () => state.engine.press("push"),
-    reset: () => {
-      stopLookingBack();
-      state.engine.press("reset");
-    },
+    reset: stopLookingBack,
     camera: () => state.stage.lookHome(),
     photo: async () => download(await state.stage.picture(), "png"),
     clip: film,
     talk: () => state.talk.start(),
     pace: () => state.engine.setPace(PACES[(PACES.indexOf(state.engine.pace) + 1) % PACES.length]),
+    "keys-button": () => $("help").showModal(),
   };
   for (const [button, act] of Object.entries(actions)) {
     $(button).addEventListener("click", async () => {
@@ -270,22 +262,12 @@ function wireControls() {
         announce(sentence(error));
       }
     });
-    if (button !== "pace") label(button, $(button).title);
   }
-  $("clip").hidden = !Capture.canRecord;
   $("timeline").addEventListener("input", () => {
-    state.from = Math.min(Number($("timeline").value), state.stage.past.length - 1);
-    state.stage.moment = state.from;
-    state.played = 0;
+    const { stage } = state;
+    stage.moment = Math.min($("timeline").valueAsNumber, stage.past.length - 1);
+    state.clock = stage.past[stage.moment].clock;
   });
-  const select = (robot) => robot < state.engine.robots.length && state.engine.select(robot);
-  Object.assign(actions, {
-    help: () => $("help").showModal(),
-    balance: () => $("balance").click(),
-    unit: () => state.panel.measureBy(unit() === "second" ? "episode" : "second"),
-    ...Object.fromEntries([0, 1, 2, 3].map((robot) => [robot, () => select(robot)])),
-  });
-  $("keys-button").addEventListener("click", actions.help);
   $("view").addEventListener("keydown", (event) => {
     const [left, up] = TURNS[event.key] ?? [];
     if (left === undefined) return;
@@ -294,15 +276,18 @@ function wireControls() {
     event.preventDefault();
   });
   // Space presses a button that has the focus, and letters choose from a list, but a click is not to keep it
-  addEventListener("click", ({ detail, target }) => detail && target.closest("button, summary")?.blur());
+  addEventListener("click", ({ detail, target }) => {
+    const button = target.closest("button, summary");
+    if (button?.dataset.press) state.engine.press(button.dataset.press);
+    if (detail) button?.blur();
+  });
   const clicked = ":is(select, [type=checkbox]):not(:focus-visible)";
   addEventListener("change", ({ target }) => target.matches(clicked) && target.blur());
-  const keys = { " ": "pause", p: "push", r: "reset", c: "camera", b: "balance", u: "unit", "?": "help" };
-  for (const number of [1, 2, 3, 4]) keys[number] = String(number - 1);
   addEventListener("keydown", (event) => {
     if (!state.engine || $("help").open || event.ctrlKey || event.metaKey || event.altKey || isOwn(event)) return;
-    const button = keys[event.key.toLowerCase()];
-    if (button) actions[button]();
+    const key = CSS.escape(event.key.toLowerCase());
+    const button = document.querySelector(`[data-key="${key}"]:not([aria-pressed="true"])`);
+    button?.click();
     if (button || state.talk.press(event.key) || press(state.engine, event.key)) event.preventDefault();
   });
 }
@@ -318,7 +303,7 @@ function isOwn({ target, key, defaultPrevented }) {
 async function film() {
   const { capture } = state.stage;
   const ends = capture.records;
-  label("clip", ends ? "Record a clip" : "End the clip and save it", ends ? "clip" : "stop");
+  label("clip", ends ? "Record a clip" : "End the clip and save it", ends ? "clip" : "stop", "clip");
   $("clip").setAttribute("aria-pressed", !ends);
   if (!ends) {
     capture.record();
@@ -336,9 +321,10 @@ function download(data, ending) {
 }
 
 /** Give a button a title, an icon and a word. */
-function label(button, title, picture = button, word = WORDS[picture] ?? picture) {
-  Object.assign($(button), { title, ariaLabel: title });
-  $(button).replaceChildren(icon(picture), word);
+function label(id, title, icon, word) {
+  $(id).title = title;
+  $(id).lastElementChild.textContent = word;
+  setIcon($(id), icon);
 }
 
 /** Follow the system's light or dark theme, until the visitor switches. */
@@ -349,10 +335,9 @@ function followTheme() {
     const theme = chosen ?? (system.matches ? "dark" : "light");
     document.documentElement.style.colorScheme = theme;
     state.stage.dress(theme);
-    $("theme").replaceChildren(icon(theme === "dark" ? "sun" : "moon"));
+    setIcon($("theme"), theme === "dark" ? "sun" : "moon");
   };
   system.addEventListener("change", dress);
-  $("theme").ariaLabel = $("theme").title;
   $("theme").addEventListener("click", () => {
     chosen = document.documentElement.style.colorScheme === "dark" ? "light" : "dark";
     dress();

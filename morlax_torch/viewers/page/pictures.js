@@ -1,4 +1,4 @@
-// Elements of the page, the icons of buttons, and axes.
+// Elements of the page, and axes.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -43,25 +43,8 @@ export function renew(part, children) {
   (buttons.find(({ title }) => title === focused) ?? buttons[0])?.focus();
 }
 
-const ICONS = {
-  pause: "M9 6v12M15 6v12",
-  play: "M8 5.5v13l10.5-6.5z",
-  push: "M3 12h11M10 7.5 14.5 12 10 16.5M19 5v14",
-  reset: "M5 12a7 7 0 1 0 2.3-5.2M5 4v4h4",
-  camera: "M4 9V5h4M16 5h4v4M20 15v4h-4M8 19H4v-4M12 9.5a2.5 2.5 0 1 0 0 5 2.5 2.5 0 1 0 0-5",
-  photo: "M4 8h3.5l1.5-2.5h6L16.5 8H20v10.5H4zM12 10a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
-  clip: "M4 7h10.5v10H4zM14.5 11 20 8v8l-5.5-3",
-  stop: "M7 7h10v10H7z",
-  pace: "M5 18a9 9 0 1 1 14 0M12 14l3.5-5",
-  talk: "M4 5.5h16v10H4zM12 15.5v4M8.5 19.5h7M10.5 8.5v4l3.5-2z",
-  sun: "M12 8a4 4 0 1 0 0 8 4 4 0 1 0 0-8M12 3v1.5M12 19.5V21M3 12h1.5M19.5 12H21M5.6 5.6l1 1M17.4 17.4l1 1M18.4 5.6l-1 1M6.6 17.4l-1 1",
-  moon: "M19 14.5A7.5 7.5 0 0 1 9.5 5a7.5 7.5 0 1 0 9.5 9.5z",
-};
-
-/** Draw an icon by its name. */
-export function icon(name) {
-  return svg("svg", { viewBox: "0 0 24 24", class: "icon" }, svg("path", { d: ICONS[name] }));
-}
+/** Show another icon of index.html on a button. */
+export const setIcon = (button, name) => button.querySelector("use").setAttribute("href", `#icon-${name}`);
 
 /** Call `choose([x, y], begins)`, in the drawing's own units, where a visitor clicks or drags, else `hover`. */
 export function onDrag(drawing, choose, hover = () => {}) {
@@ -78,6 +61,9 @@ export function onDrag(drawing, choose, hover = () => {}) {
     (event.buttons ? choose : hover)(place(event), false);
   });
 }
+
+/** Return the linear map of one range to another. */
+export const scale = ([low, high], [from, to]) => (value) => from + ((value - low) / (high - low)) * (to - from);
 
 /** Return the path of a line through places [x, y]. */
 export const lined = (places) => places.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");

@@ -5,7 +5,6 @@ import { robotColor } from "../tradeoffs.js";
 import { inUnit, present, valuesOf } from "./units.js";
 
 const SIDES = ["A", "B"];
-const ENDS = { use: "use this trade-off", again: "start again", leave: "back" };
 
 export class AskingPanel {
   constructor(engine) {
@@ -14,8 +13,6 @@ export class AskingPanel {
     const answer = (i) => ({ detail }) => detail < 2 && engine.answer(i);
     const answers = SIDES.map((side, i) => chip(side, "", answer(i), robotColor(i)));
     $("answers").replaceChildren(...answers, chip("skip", "", () => engine.press("skip")));
-    const ends = Object.entries(ENDS).map(([name, text]) => chip(text, "", () => engine.press(name)));
-    $("asking-ends").replaceChildren(...ends);
   }
 
   show() {
@@ -25,7 +22,6 @@ export class AskingPanel {
     document.body.classList.toggle("asking", Boolean(asking));
     if (!asking) return;
     $("question").textContent = `Which robot do you like better? Answers so far: ${asking.answers}`;
-    $("question").dataset.answers = asking.answers;
     $("told").textContent = this.#told(asking.told);
     $("evidence").textContent = this.#evidence(asking);
   }

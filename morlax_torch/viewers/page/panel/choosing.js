@@ -13,8 +13,6 @@ export class ChoosingPanel {
       engine.maximize(Number($("maximize").value));
       settled(Number($("maximize").value));
     };
-    $("free").onclick = () => engine.press("free");
-    $("cancel").onclick = () => engine.press("cancel");
     this.rows = this.numbers.map((number) => this.#rowOf(number));
     this.asked = {}; // shown while a visitor drags
     const move = (i, value) => {

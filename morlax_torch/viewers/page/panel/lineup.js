@@ -21,6 +21,7 @@ export class LineupPanel {
       const title = `Steer this robot (${i + 1})`;
       const choice = chip(`robot ${i + 1}`, title, () => engine.select(i), robotColor(i));
       choice.setAttribute("aria-pressed", i === selected);
+      choice.dataset.key = i + 1;
       return choice;
     });
     const add = (text, title, name) => choices.push(chip(text, title, () => engine.press(name)));

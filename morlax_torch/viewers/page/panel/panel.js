@@ -8,7 +8,7 @@ import { FrontPlot } from "./front.js";
 import { LineupPanel, showNames } from "./lineup.js";
 import { Live } from "./live.js";
 import { Matrix } from "./matrix.js";
-import { $, html, isNews, percent } from "../pictures.js";
+import { $, isNews, percent } from "../pictures.js";
 import { colorOf, keeping, mixed, moved, robotColor } from "../tradeoffs.js";
 import { RunLists, SavingPanel } from "./runs.js";
 import { Sliders } from "./sliders.js";
@@ -17,14 +17,6 @@ import { Triangle } from "./triangle.js";
 import { TypedWeights } from "./typing.js";
 import * as units from "./units.js";
 
-const KINDS = {
-  velocity: "velocity",
-  command: "command",
-  contacts: "contact forces",
-  trail: "trail",
-  ghost: "pose of the motion",
-  errors: "distance from it, as color",
-};
 const HELD = "#panel :active, :is(#levels, #matrix) :focus"; // what a visitor holds is not replaced
 
 export class Panel {
@@ -35,10 +27,14 @@ export class Panel {
     this.names = about.titles;
     const live = new Live(engine);
     this.parts = [new AskingPanel(engine), live];
+    this.lists = [...$("axes").querySelectorAll("select")];
+    $("axes").onchange = () => {
+      const axes = this.lists.map(({ value }) => Number(value));
+      this.#enlarge(axes[0] === axes[1] ? this.axes.toReversed() : axes); // the axes never have the same
+    };
     if (engine.can.open) this.parts.push(new RunLists(engine));
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
-    $("follow").onclick = () => engine.press("follow");
     const measure = () => engine.press("measure");
     this.command = this.#showNumbers("command", about.command?.limits, rounded, tell);
     this.design = this.#showNumbers("design", about.design, precise, reshape, measure);
@@ -150,18 +146,14 @@ export class Panel {
     const { stage, engine } = this;
     const follows = Boolean(about.motion);
     const has = { command: about.velocities, contacts: engine.can.contacts, ghost: follows, errors: follows };
-    const offered = Object.keys(KINDS).filter((kind) => has[kind] ?? true);
-    const explain = () => ($("errors").hidden = !(follows && stage.shown.has("ghost") && stage.shown.has("errors")));
-    const boxes = offered.map((kind) => {
-      const box = html("input", { type: "checkbox", checked: stage.shown.has(kind) });
-      box.addEventListener("change", () => {
-        stage.shown[box.checked ? "add" : "delete"](kind);
-        explain();
-      });
-      return html("label", { className: "check row" }, box, KINDS[kind]);
-    });
-    $("show").replaceChildren(...boxes);
-    explain();
+    const boxes = [...$("show").querySelectorAll("input")];
+    for (const box of boxes) box.parentElement.hidden = !(has[box.name] ?? true);
+    $("show").onchange = () => {
+      const shown = boxes.filter(({ checked }) => checked).map(({ name }) => name);
+      stage.shown = new Set(shown);
+      $("errors").hidden = !(follows && stage.shown.isSupersetOf(new Set(["ghost", "errors"])));
+    };
+    $("show").onchange();
   }
 
   #showPlots() {
@@ -170,29 +162,20 @@ export class Panel {
     const values = front ? units.valuesOf(this.engine.about) : [];
     $("axes").hidden = values.length < 3;
     $("matrix").replaceChildren();
-    $("legend").replaceChildren(...(front ? legend(front, moments) : []));
+    $("legend").hidden = !front;
     $("checkpoint").hidden = Boolean(front);
     if (!front) return $("front").replaceChildren();
+    explain(front, moments);
     const offered = JSON.stringify(values.map(({ index, name }) => [index, name]));
     if (offered !== this.offered) {
       Object.assign(this, { offered, axes: front.pair });
-      this.lists = ["Horizontal axis", "Vertical axis"].map((label, i) => this.#axisList(label, i, values));
-      $("axes").replaceChildren(this.lists[0], html("span", { textContent: "and" }), this.lists[1]);
+      for (const list of this.lists) {
+        list.replaceChildren(...values.map(({ name, index }) => new Option(name, index)));
+      }
     }
     if (names.length < 3) return;
     this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
     $("matrix").replaceChildren(this.matrix.element);
-  }
-
-  /** Return the list of values for an axis; the other axis never has the same. */
-  #axisList(ariaLabel, i, values) {
-    const list = html("select", { ariaLabel }, ...values.map(({ name, index }) => new Option(name, index)));
-    list.onchange = () => {
-      const axes = this.axes.with(i, Number(list.value));
-      if (axes[0] === axes[1]) axes[1 - i] = this.axes[i];
-      this.#enlarge(axes);
-    };
-    return list;
   }
 
   /** Show a value on an axis, so that the line of its requirement is seen. */
@@ -217,12 +200,11 @@ export class Panel {
   }
 }
 
-/** Return what the marks on the front mean. */
-function legend({ best, fails, checkpoint, returns }, moments) {
-  const entries = ["● on the front"];
-  if (best.some((one, i) => !one && !fails[i])) entries.push("• dominated");
-  if (fails.includes(true)) entries.push("× falls in most episodes");
-  if (moments.length > 1) entries.push(returns[0].length === 2 ? "— earlier" : "• earlier");
-  entries.push("○ yours", `from ${checkpoint}`);
-  return entries.map((textContent) => html("span", { textContent }));
+/** Say what the marks on the front mean. */
+function explain({ best, fails, checkpoint, returns }, moments) {
+  $("dominated").hidden = best.every((one, i) => one || fails[i]);
+  $("failing").hidden = !fails.includes(true);
+  $("earlier").hidden = moments.length < 2;
+  $("earlier").textContent = returns[0].length === 2 ? "— earlier" : "• earlier";
+  $("origin").textContent = `from ${checkpoint}`;
 }

@@ -20,7 +20,6 @@ export class RunLists {
   show() {
     const { runs, run, checkpoints, checkpoint } = this.engine.state;
     if (!runs || !isNews(this, runs, run, checkpoints, checkpoint)) return;
-    $("title").classList.add("spoken");
     $("run").hidden = false;
     const labels = shortened(Object.values(runs));
     const options = Object.entries(runs).map(([name, label], i) => {
@@ -48,8 +47,6 @@ function shortened(names) {
 export class SavingPanel {
   constructor(engine) {
     this.engine = engine;
-    $("export").onclick = () => engine.press("export");
-    $("card").onclick = () => engine.press("card");
   }
 
   show() {

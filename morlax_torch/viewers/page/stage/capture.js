@@ -10,10 +10,6 @@ export class Capture {
     Object.assign(this, { view, labels, recorder: null, canvas: document.createElement("canvas") });
   }
 
-  static get canRecord() {
-    return typeof MediaRecorder === "function";
-  }
-
   get records() {
     return this.recorder !== null;
   }
@@ -30,17 +26,15 @@ export class Capture {
     this.#size();
     const mimeType = FORMATS.find((format) => MediaRecorder.isTypeSupported(format));
     this.recorder = new MediaRecorder(this.canvas.captureStream(RATE), { mimeType });
-    this.parts = [];
-    this.recorder.ondataavailable = ({ data }) => this.parts.push(data);
     this.recorder.start();
   }
 
   /** End the clip, and return it as a file's data. */
   end() {
-    const { recorder, parts } = this;
+    const { recorder } = this;
     this.recorder = null;
     return new Promise((resolve) => {
-      recorder.onstop = () => resolve(new Blob(parts, { type: recorder.mimeType }));
+      recorder.ondataavailable = ({ data }) => resolve(data); // comes once
       recorder.stop();
     });
   }
