@@ -237,7 +237,6 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
         "fields": model.fields,
         "options": {**model.options, "disableflags": int(env.physics.model.opt.disableflags)},
         "assets": list(model.assets),
-        "state": {name: str(values.dtype)[6:] for name, values in traced.state.items()},
         "before": _graph(traced.before),
         "after": _graph(traced.after),
         # observation and state after resets

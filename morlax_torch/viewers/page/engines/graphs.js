@@ -6,20 +6,6 @@ import { once, unpacked } from "../files.js";
 ort.env.wasm.numThreads = 1; // more need headers that static hosts do not send
 ort.env.logLevel = "error";
 
-const ARRAYS = {
-  float32: Float32Array,
-  float64: Float64Array,
-  int64: BigInt64Array,
-  int32: Int32Array,
-  bool: Uint8Array,
-};
-
-/** Convert numbers to the array that ONNX Runtime takes for a type. */
-export function typed(type, numbers) {
-  if (type === "int64") return BigInt64Array.from(numbers, (x) => BigInt(Math.trunc(Number(x))));
-  return ARRAYS[type].from(numbers, Number);
-}
-
 const started = once(async () => {
   const file = await unpacked(new URL("../libraries/ort.wasm", import.meta.url).href);
   ort.env.wasm.wasmBinary = await file.arrayBuffer();
@@ -41,9 +27,7 @@ export class Graph {
   async run(read) {
     const feeds = {};
     for (const [name, { shape, type }] of Object.entries(this.inputs)) {
-      const numbers = read(name);
-      const data = numbers instanceof ARRAYS[type] ? numbers : typed(type, numbers);
-      feeds[name] = new ort.Tensor(type, data, shape);
+      feeds[name] = new ort.Tensor(type, Array.from(read(name)), shape); // it converts only such arrays
     }
     const results = await this.session.run(feeds);
     const names = this.session.outputNames;

@@ -2,7 +2,7 @@
 
 import loadMujoco from "../libraries/mujoco.js";
 import { once, unpacked } from "../files.js";
-import { Graph, typed } from "./graphs.js";
+import { Graph } from "./graphs.js";
 
 // the draws of tasks: "uniform" or "integer" in [low, high), or "normal"
 const DRAWS = {
@@ -84,11 +84,6 @@ export class Simulation {
     return this.steps;
   }
 
-  /** The latest rewards of the task's terms. */
-  get terms() {
-    return this.last?.terms ?? null;
-  }
-
   /** Start a new episode after one that is over. */
   restart() {
     const { returns, steps, about } = this;
@@ -98,14 +93,14 @@ export class Simulation {
 
   /** Start a new episode, from one of the task's initial states. */
   reset(index = Math.floor(Math.random() * this.about.starts.length)) {
-    const { observation, ...state } = this.about.starts[index];
+    const { observation, ...state } = structuredClone(this.about.starts[index]);
     this.engine.mj_resetData(this.model, this.data);
-    for (const [name, numbers] of Object.entries(state)) this.#write(name, numbers);
-    this.observation = Float32Array.from(observation);
+    this.#keep(state);
+    this.observation = observation;
     this.returns = this.about.objectives.map(() => 0);
     this.steps = 0;
     this.over = null;
-    this.last = null;
+    this.terms = null; // latest rewards of the task's terms
     this.#place();
   }
 
@@ -120,14 +115,14 @@ export class Simulation {
     for (let i = 0; i < this.about.substeps; i++) this.engine.mj_step(this.model, this.data);
     const results = await after.run((name) => this.#read(name, this.about.after));
     this.#keep(results);
-    this.observation = Float32Array.from(results.observation);
+    this.observation = results.observation;
     this.returns = this.returns.map((sum, i) => sum + results.reward[i]);
     this.steps += 1;
     if (results.terminated[0]) this.over = "fell";
     else if (results.truncated[0]) this.over = "time";
-    this.last = { action, reward: Array.from(results.reward), terms: Array.from(results.terms) };
+    this.terms = results.terms;
     this.#place();
-    return this.last;
+    return { action, reward: results.reward };
   }
 
   /** Return a sudden velocity in a random horizontal direction. */
@@ -161,15 +156,10 @@ export class Simulation {
     return field ? this.data[field] : this.values[name];
   }
 
-  #write(name, numbers) {
-    const field = this.about.physics[name];
-    if (field) this.data[field].set(Array.from(numbers, Number));
-    else this.values[name] = typed(this.about.state[name], numbers);
-  }
-
   #keep(results) {
     for (const [name, numbers] of Object.entries(results)) {
-      if (this.about.physics[name]) this.data[this.about.physics[name]].set(numbers);
+      const field = this.about.physics[name];
+      if (field) this.data[field].set(numbers);
       else this.values[name] = numbers;
     }
   }
