@@ -80,15 +80,6 @@ export class Robot {
     const points = former.slice(-POINTS);
     this.trail.geometry.setFromPoints(points).setDrawRange(0, points.length);
   }
-
-  dispose() {
-    this.ring?.geometry.dispose();
-    this.ring?.material.dispose();
-    this.group.traverse(({ geometry, material }) => {
-      geometry?.dispose();
-      material?.dispose();
-    });
-  }
 }
 
 function move(bodies, former, latest, share) {
@@ -135,10 +126,8 @@ function ringOf(size, color) {
 }
 
 function pairs(numbers) {
-  const points = Array.from({ length: numbers.length / 3 }, (_, i) => {
-    return new THREE.Vector3().fromArray(numbers, 3 * i);
-  });
-  return Array.from({ length: points.length / 2 }, (_, i) => [points[2 * i], points[2 * i + 1]]);
+  const point = (begin) => new THREE.Vector3().fromArray(numbers, begin);
+  return Array.from({ length: numbers.length / 6 }, (_, i) => [point(6 * i), point(6 * i + 3)]);
 }
 
 // Arrows in the scene, as many as are needed at the moment: slender cones; the size is the robot's.

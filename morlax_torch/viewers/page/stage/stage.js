@@ -49,16 +49,17 @@ export class Stage {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = true;
     this.controls.enablePan = false;
+    this.controls.cursorStyle = "grab";
     this.controls.maxPolarAngle = 0.495 * Math.PI; // never below the floor
     this.theme = "light";
-    this.shown = new Set(["command", "ghost", "errors"]); // what to draw, which can be changed
+    this.shown = new Set(); // what to draw beside the robots
     this.drawn = performance.now();
     this.center = new THREE.Vector3(); // where the camera looks
   }
 
   /** Show the robots of an engine. */
   show(engine) {
-    for (const robot of this.robots ?? []) robot.dispose();
+    if (this.scene) release(this.scene);
     const { model, about, robots, scene } = engine;
     const same = this.model === model || this.engine?.isRecorded || scene.reshaped;
     const many = robots.length > 1;
@@ -95,12 +96,6 @@ export class Stage {
   dress(theme) {
     this.theme = theme;
     this.surroundings?.dress(theme);
-  }
-
-  /** Return the index of the past moment `steps` control steps after another one. */
-  after(moment, steps) {
-    const clock = this.past[moment].clock + steps;
-    return this.past.findLastIndex((pose) => pose.clock <= clock);
   }
 
   /** Note the poses after a control step; `draw` moves from the former to these. */
@@ -201,11 +196,10 @@ export class Stage {
       return k > 0 && this.past[k - 1][i].steps > pose[i].steps;
     });
     const turn = quaternionAt(latest.turns, followed, new THREE.Quaternion());
-    const forward = new THREE.Vector3(1, 0, 0).applyQuaternion(turn);
     robot.decorate(this.shown, {
       at,
       velocity,
-      heading: Math.atan2(forward.y, forward.x), // to the left of x
+      heading: new THREE.Euler().setFromQuaternion(turn, "ZYX").z, // to the left of x
       command: about.velocities && !names ? command.slice(0, 2) : null,
       contacts: latest.contacts,
       former: this.shown.has("trail") ? this.past.slice(Math.max(begin, 0)).map((p) => placeIn(p[i])) : [],
@@ -243,6 +237,17 @@ export class Stage {
     this.camera.updateProjectionMatrix();
     if (Math.abs(before - this.camera.aspect) > 0.01) this.lookHome();
   }
+}
+
+/** Free what a scene has on the graphics card. */
+function release(scene) {
+  scene.background.dispose();
+  scene.traverse((part) => {
+    part.dispose?.(); // the shadow of a light
+    part.geometry?.dispose();
+    part.material?.map?.dispose();
+    part.material?.dispose();
+  });
 }
 
 /** Return a box around what moves. */
