@@ -63,6 +63,9 @@ export function keeping({ front, objectives }, levels) {
 /** Return the squared distance of two points. */
 export const distance = (a, b) => a.reduce((sum, x, i) => sum + (x - b[i]) ** 2, 0);
 
+/** Return the index of the trade-off that is nearest to another one. */
+export const nearest = (tradeoffs, wanted) => lowest(tradeoffs, (weights) => distance(weights, wanted));
+
 /** Return the index of the item with the lowest score. */
 export function lowest(items, score) {
   const scores = items.map(score);

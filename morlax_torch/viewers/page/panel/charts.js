@@ -1,12 +1,13 @@
 // Lines of the last seconds, of all robots: what they earn, their speed and their power.
 
-import { $, grid, html, onDrag, short, svg } from "../pictures.js";
+import { $, grid, html, onDrag, scale, short, svg } from "../pictures.js";
 import { robotColor } from "../tradeoffs.js";
 import { present } from "./units.js";
 
 const SECONDS = 20;
 const [LEFT, RIGHT, TOP, BOTTOM] = [50, 366, 6, 74]; // of the axes
 const INTERVAL = 0.05; // s between samples
+const across = scale([SECONDS, 0], [LEFT, RIGHT]); // from seconds before the latest sample
 
 export class Charts {
   constructor(engine, stage, live) {
@@ -39,7 +40,7 @@ export class Charts {
       return { title, now, colors: robots.map((_, i) => (many ? robotColor(i) : color)) };
     });
     const hover = ([x]) => {
-      this.hovered = x < LEFT ? null : ((RIGHT - x) / (RIGHT - LEFT)) * SECONDS;
+      this.hovered = x < LEFT ? null : scale([LEFT, RIGHT], [SECONDS, 0])(x);
       this.#draw();
     };
     const drawn = this.charts.map((chart) => {
@@ -77,19 +78,18 @@ export class Charts {
     const rows = this.samples.map((sample) => sample.values[index]);
     const all = rows.flat().filter(Number.isFinite);
     const [low, high] = [Math.min(0, ...all), Math.max(0, ...all) + 1e-9];
-    const x = (before) => RIGHT - (before / SECONDS) * (RIGHT - LEFT);
-    const y = (value) => BOTTOM - ((value - low) / (high - low)) * (BOTTOM - TOP);
+    const y = scale([low, high], [BOTTOM, TOP]);
     const paths = colors.map((_, k) => {
       let path = "";
       this.samples.forEach(({ time, began }, i) => {
         if (!Number.isFinite(rows[i][k])) return;
-        path += `${path === "" || began[k] ? "M" : "L"}${x(this.time - time).toFixed(1)} ${y(rows[i][k]).toFixed(1)}`;
+        path += `${path === "" || began[k] ? "M" : "L"}${across(this.time - time).toFixed(1)} ${y(rows[i][k]).toFixed(1)}`;
       });
       return svg("path", { d: path, style: `stroke: ${colors[k]}` });
     });
-    const times = [20, 15, 10, 5, 0].map((before) => [x(before), before ? `−${before} s` : "now"]);
+    const times = [20, 15, 10, 5, 0].map((before) => [across(before), before ? `−${before} s` : "now"]);
     const axes = grid([LEFT, RIGHT, TOP, BOTTOM], times, [low, high].map((value) => [y(value), short(value)]));
-    const cursor = ago === null ? [] : [svg("line", { x1: x(ago), x2: x(ago), y1: TOP, y2: BOTTOM, class: "cursor" })];
+    const cursor = ago === null ? [] : [svg("line", { x1: across(ago), x2: across(ago), y1: TOP, y2: BOTTOM, class: "cursor" })];
     drawing.replaceChildren(...axes, ...paths, ...cursor);
     const at = ago === null ? this.samples.length - 1 : this.samples.findLastIndex(({ time }) => time <= this.time - ago);
     const dots = (rows[at] ?? []).map((value, k) => {

@@ -1,7 +1,7 @@
 // What the robots do now, in the present unit, and how the former episode ended.
 
 import { $, amount, html, isNews } from "../pictures.js";
-import { distance, lowest, robotColor } from "../tradeoffs.js";
+import { nearest, robotColor } from "../tradeoffs.js";
 import { inUnit, present, valuesOf } from "./units.js";
 
 export class Episode {
@@ -23,9 +23,9 @@ export class Episode {
       if (now) robots.forEach((_, i) => (cells[i].textContent = amount(now(i))));
     }
     if (robots.length === 1 && about.front && isNews(this, form, steered.tradeoff)) {
-      const nearest = lowest(about.front.tradeoffs, (weights) => distance(weights, steered.tradeoff));
+      const policy = nearest(about.front.tradeoffs, steered.tradeoff);
       for (const { cells, value } of this.rows) {
-        if (value) cells[1].textContent = amount(inUnit(value, value.values[nearest], about));
+        if (value) cells[1].textContent = amount(inUnit(value, value.values[policy], about));
       }
     }
     this.termCells.forEach((cell, i) => {
@@ -61,9 +61,10 @@ export class Episode {
     });
     this.rows = all.map((row) => ({ ...row, cells: titles.map(() => html("td", { textContent: "–" })) }));
     const rows = this.rows.map(({ name, color, cells }) => {
-      const title = html("th", { textContent: name, className: "objective", style: `--color: ${color}` });
+      const title = html("th", { textContent: name, className: "dot", style: `--color: ${color}` });
       return html("tr", {}, title, ...cells);
     });
-    $("episode").replaceChildren(html("tr", {}, html("td", { textContent: `returns per ${present()}` }), ...head), ...rows);
+    const corner = html("th", { textContent: `returns per ${present()}` });
+    $("episode").replaceChildren(html("thead", {}, html("tr", {}, corner, ...head)), html("tbody", {}, ...rows));
   }
 }

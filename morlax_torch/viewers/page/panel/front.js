@@ -1,11 +1,12 @@
 // The map of policies: two of their values against each other, and every point is a trade-off.
 
-import { grid, html, lined, onDrag, percent, short, svg, ticks } from "../pictures.js";
-import { distance, lowest, mixed } from "../tradeoffs.js";
+import { grid, html, lined, onDrag, percent, scale, short, svg, ticks } from "../pictures.js";
+import { distance, lowest, mixed, nearest } from "../tradeoffs.js";
 import { inUnit, named, ofEpisode, valuesOf } from "./units.js";
 
 const [WIDTH, HEIGHT] = [380, 268];
-const [LEFT, RIGHT, TOP, BOTTOM] = [50, 12, 10, 36]; // margins
+const [LEFT, RIGHT, TOP, BOTTOM] = [50, 368, 10, 232]; // of the axes
+const SPANS = [[LEFT, RIGHT], [BOTTOM, TOP]];
 const NEAR = 14; // from the pointer to a point that it asks about
 const GRIP = 9; // from the pointer to a line or bookmark that it takes
 const APART = 9; // between the rings of robots that would coincide
@@ -28,7 +29,7 @@ export class FrontPlot {
       const shown = standing.length ? standing.map((i) => column[i]) : column;
       return paddedRange([...shown, ...before.map((row) => row[k]).filter(Number.isFinite)]);
     });
-    this.places = this.front.tradeoffs.map((_, i) => this.#at(this.columns.map((column) => column[i])));
+    this.places = this.front.tradeoffs.map((_, i) => this.columns.map((column, k) => this.#along(k, column[i])));
     this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
     [this.past, this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g"), svg("g")];
     this.nearest = 0;
@@ -53,7 +54,7 @@ export class FrontPlot {
 
   /** Mark the evaluated trade-offs that are nearest to given ones; the last is the visitor's own. */
   show(marks) {
-    const points = marks.map(({ weights }) => lowest(this.front.tradeoffs, (w) => distance(w, weights)));
+    const points = marks.map(({ weights }) => nearest(this.front.tradeoffs, weights));
     let isBetween = false;
     const circles = marks.map(({ weights, fill, outline }, i) => {
       const point = (this.nearest = points[i]);
@@ -65,8 +66,7 @@ export class FrontPlot {
       return svg("circle", { cx: x + shift, cy, r: 7.5, fill, stroke: outline, class: look });
     });
     const [x, y] = this.places[this.nearest];
-    const side = x > WIDTH / 2 ? { x: x - 12, "text-anchor": "end" } : { x: x + 12 };
-    const look = { ...side, y: y > HEIGHT / 2 ? y - 9 : y + 16, class: "readout told" };
+    const look = { ...beside(x, 12), y: y > HEIGHT / 2 ? y - 9 : y + 16, class: "readout told" };
     const told = isBetween ? [svg("text", look, "between evaluated policies")] : [];
     this.marks.replaceChildren(...circles, ...told);
     const ariaValueText = this.#facts(this.nearest).join(", ");
@@ -77,8 +77,8 @@ export class FrontPlot {
   trace(moments, asked) {
     const drawn = moments.map(({ values, tradeoffs }, i) => {
       const rows = values.map((row, k) => [this.#inUnits(row), tradeoffs[k]]);
-      const points = rows.filter(([place]) => place.every(Number.isFinite));
-      const places = points.map(([place, weights]) => [this.#at(place), weights]);
+      const known = rows.filter(([row]) => row.every(Number.isFinite));
+      const places = known.map(([row, weights]) => [row.map((value, k) => this.#along(k, value)), weights]);
       if (asked && i === moments.length - 1) {
         return places.map(([[cx, cy], weights]) => svg("circle", { cx, cy, r: 3.4, fill: mixed(weights) }));
       }
@@ -112,14 +112,12 @@ export class FrontPlot {
   /** Mark bookmarks, which are trade-offs by name. */
   pin(bookmarks) {
     this.kept = Object.entries(bookmarks ?? {}).map(([name, weights]) => {
-      const [x, y] = this.places[lowest(this.front.tradeoffs, (w) => distance(w, weights))];
-      return { name, weights, place: [x, y] };
+      return { name, weights, place: this.places[nearest(this.front.tradeoffs, weights)] };
     });
     const pins = this.kept.flatMap(({ name, place: [x, y] }) => {
-      const side = x > WIDTH / 2 ? { x: x - 8, "text-anchor": "end" } : { x: x + 8 };
       return [
         svg("path", { d: `M${x} ${y - 6}l5 6l-5 6l-5-6z`, class: "pin" }),
-        svg("text", { ...side, y: y - 7, class: "pin-name" }, `@${name}`),
+        svg("text", { ...beside(x, 8), y: y - 7, class: "pin-name" }, `@${name}`),
       ];
     });
     this.pins.replaceChildren(...pins);
@@ -128,9 +126,8 @@ export class FrontPlot {
   #choose(place, begins) {
     if (begins) this.held = this.#lineNear(place);
     if (this.held !== null) {
-      const [low, high] = this.ranges[this.held];
-      const axis = this.axes[this.held];
-      const value = Math.min(Math.max(this.#valueAt(this.held, place), low), high);
+      const [axis, range] = [this.axes[this.held], this.ranges[this.held]];
+      const value = clamped(scale(SPANS[this.held], range)(place[this.held]), range);
       this.levels = { ...this.levels, [axis.index]: ofEpisode(axis, value, this.about) };
       this.#drawLines();
       return;
@@ -167,20 +164,16 @@ export class FrontPlot {
       const [axis, at] = [this.axes[k], this.#lineAt(k)];
       if (Number.isNaN(at)) return [];
       const level = short(inUnit(axis, this.levels[axis.index], this.about));
-      const text = `${axis.lower ? "≤" : "≥"} ${level}`;
-      const [right, bottom] = [WIDTH - RIGHT, HEIGHT - BOTTOM];
-      const begins = axis.lower === (k === 0); // what is ruled out lies right of the line, or above it
-      const out =
-        k === 0
-          ? { x: begins ? at : LEFT, y: TOP, width: begins ? right - at : at - LEFT, height: bottom - TOP }
-          : { x: LEFT, y: begins ? at : TOP, width: right - LEFT, height: begins ? bottom - at : at - TOP };
-      for (const size of ["width", "height"]) out[size] = Math.max(out[size], 0);
-      const line = k === 0 ? { x1: at, x2: at, y1: TOP, y2: bottom } : { x1: LEFT, x2: right, y1: at, y2: at };
-      const place = k === 0 ? { x: at + 5, y: TOP + 11 } : { x: right - 4, y: at - 5, "text-anchor": "end" };
+      const end = SPANS[k][axis.lower ? 1 : 0]; // of what is ruled out
+      const [line, out] = k === 0
+        ? [`M${at} ${TOP}V${BOTTOM}`, `M${at} ${TOP}V${BOTTOM}H${end}V${TOP}`]
+        : [`M${LEFT} ${at}H${RIGHT}`, `M${LEFT} ${at}H${RIGHT}V${end}H${LEFT}`];
+      const across = { x: RIGHT - 4, y: at > HEIGHT / 2 ? at - 5 : at + 15, "text-anchor": "end" };
+      const place = k === 0 ? { ...beside(at, 5), y: TOP + 11 } : across;
       return [
-        svg("rect", { ...out, class: "ruled-out" }),
-        svg("line", { ...line, class: "threshold" }),
-        svg("text", { ...place, class: "readout" }, text),
+        svg("path", { d: out, class: "ruled-out" }),
+        svg("path", { d: line, class: "threshold" }),
+        svg("text", { ...place, class: "readout" }, `${axis.lower ? "≤" : "≥"} ${level}`),
       ];
     });
     this.lines.replaceChildren(...parts);
@@ -209,10 +202,7 @@ export class FrontPlot {
     this.tip.hidden = false;
     this.tip.replaceChildren(...this.#facts(point).map((textContent) => html("span", { textContent })));
     const [x, y] = this.places[point];
-    const late = x > WIDTH / 2;
-    this.tip.style.left = late ? "auto" : `${(100 * x) / WIDTH}%`;
-    this.tip.style.right = late ? `${100 - (100 * x) / WIDTH}%` : "auto";
-    this.tip.style.top = `${(100 * (y + 10)) / HEIGHT}%`;
+    this.tip.style.cssText = `--x: ${x / WIDTH}; --y: ${y / HEIGHT}`;
   }
 
   /** Move along the front with the arrow keys. */
@@ -226,19 +216,9 @@ export class FrontPlot {
     this.pick(this.front.tradeoffs[this.nearest]);
   }
 
-  #at(values) {
-    return values.map((value, k) => this.#along(k, Math.min(Math.max(value, this.ranges[k][0]), this.ranges[k][1])));
-  }
-
-  /** Return where a value lies along an axis. */
+  /** Return where a value lies along an axis; at an end if it is out of range. */
   #along(k, value) {
-    const share = (value - this.ranges[k][0]) / (this.ranges[k][1] - this.ranges[k][0]);
-    return k === 0 ? LEFT + share * (WIDTH - LEFT - RIGHT) : HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM);
-  }
-
-  #valueAt(k, [x, y]) {
-    const share = k === 0 ? (x - LEFT) / (WIDTH - LEFT - RIGHT) : (HEIGHT - BOTTOM - y) / (HEIGHT - TOP - BOTTOM);
-    return this.ranges[k][0] + share * (this.ranges[k][1] - this.ranges[k][0]);
+    return scale(this.ranges[k], SPANS[k])(clamped(value, this.ranges[k]));
   }
 
   #points() {
@@ -256,18 +236,23 @@ export class FrontPlot {
 
   #scales() {
     const marks = this.ranges.map((range, k) => ticks(...range).map((value) => [this.#along(k, value), short(value)]));
-    const [x, y] = [(LEFT + WIDTH - RIGHT) / 2, (TOP + HEIGHT - BOTTOM) / 2];
+    const [x, y] = [(LEFT + RIGHT) / 2, (TOP + BOTTOM) / 2];
     const [across, up] = this.axes.map((axis) => {
       return axis.lower ? `← better · ${named(axis)}` : `${named(axis)} · better →`;
     });
     const look = { class: "axis", "text-anchor": "middle" };
     return [
-      ...grid([LEFT, WIDTH - RIGHT, TOP, HEIGHT - BOTTOM], ...marks),
+      ...grid([LEFT, RIGHT, TOP, BOTTOM], ...marks),
       svg("text", { x, y: HEIGHT - 4, ...look }, across),
       svg("text", { transform: `translate(11 ${y}) rotate(-90)`, ...look }, up),
     ];
   }
 }
+
+const clamped = (value, [low, high]) => Math.min(Math.max(value, low), high);
+
+/** Return where a text beside a place begins or ends, so that it stays on the drawing. */
+const beside = (x, gap) => (x > WIDTH / 2 ? { x: x - gap, "text-anchor": "end" } : { x: x + gap });
 
 const indicesOf = (flags) => flags.flatMap((flag, i) => (flag ? [i] : []));
 

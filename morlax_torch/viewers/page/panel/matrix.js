@@ -1,7 +1,7 @@
 // Small fronts of all pairs of objectives, each of which a visitor can enlarge.
 
 import { html, svg } from "../pictures.js";
-import { colorOf, distance, lowest, mixed } from "../tradeoffs.js";
+import { colorOf, mixed, nearest } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT, MARGIN] = [100, 64, 6];
 
@@ -23,7 +23,7 @@ export class Matrix {
         this.cells.push(this.#drawn(button, across, up));
         this.element.append(button);
       }
-      const name = html("span", { className: "objective", textContent: title });
+      const name = html("span", { className: "dot", textContent: title });
       name.style.cssText = `--color: ${colorOf(up)}; grid-area: ${up + 1} / ${up + 1}`;
       if (up < m - 1) name.style.gridColumnEnd = -1;
       this.element.append(name);
@@ -39,7 +39,7 @@ export class Matrix {
 
   /** Mark trade-offs; see `FrontPlot`. */
   show(marks) {
-    const points = marks.map(({ weights }) => lowest(this.front.tradeoffs, (w) => distance(w, weights)));
+    const points = marks.map(({ weights }) => nearest(this.front.tradeoffs, weights));
     for (const { rings, at } of this.cells) {
       const circles = marks.map(({ fill, outline }, i) => {
         const [cx, cy] = at(points[i]);

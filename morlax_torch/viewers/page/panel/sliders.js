@@ -14,7 +14,7 @@ export class Sliders {
     });
     this.outputs = rows.map(() => html("output", { ariaHidden: true })); // inputs say it
     this.elements = rows.map(({ name, color, title = "", act }, index) => {
-      const look = { className: "name", textContent: name, title };
+      const look = { className: "name dot", textContent: name, title };
       const head = html(act ? "button" : "span", act ? { ...look, type: "button", onclick: act } : look);
       const row = html("div", { className: "slider" }, head, this.inputs[index], this.outputs[index]);
       row.style.setProperty("--color", color);

@@ -1,9 +1,9 @@
 // The growth of the front: a scrubber over the evaluations of a run, and its hypervolume.
 
-import { $, grid, isNews, lined, onDrag, short, svg, ticks } from "../pictures.js";
+import { $, grid, isNews, lined, onDrag, scale, short, svg, ticks } from "../pictures.js";
 import { lowest } from "../tradeoffs.js";
 
-const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [380, 100, 50, 12, 8, 18];
+const [LEFT, RIGHT, TOP, BOTTOM] = [50, 368, 8, 82]; // of the axes
 const NONE = [];
 const LASTS = 8000; // ms from the first evaluation to the last
 
@@ -16,9 +16,9 @@ export class TrainingPanel {
     };
     $("moment").oninput = () => ask(Number($("moment").value));
     $("grow").onclick = () => (this.began = this.began === null ? performance.now() : null);
-    const near = ([x]) => ask(lowest(this.moments, ({ numbers: [, seconds] }) => Math.abs(this.#across(seconds) - x)));
+    const near = ([x]) => ask(lowest(this.moments, ({ numbers: [, seconds] }) => Math.abs(this.across(seconds) - x)));
     const label = "Hypervolume of the front over the seconds of training";
-    const look = { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "chart growth", role: "img", "aria-label": label };
+    const look = { viewBox: "0 0 380 100", class: "chart growth", role: "img", "aria-label": label };
     onDrag((this.drawing = svg("svg", look)), near);
     $("growth").replaceChildren(this.drawing);
   }
@@ -62,22 +62,19 @@ export class TrainingPanel {
     if (this.asked === null) this.began = null;
   }
 
-  #across(seconds) {
-    return LEFT + (seconds / (this.moments.at(-1).numbers[1] || 1)) * (WIDTH - LEFT - RIGHT);
-  }
-
   #draw(at) {
     const { moments } = this;
     const high = Math.max(...moments.map(({ numbers }) => numbers[2])) || 1;
-    const y = (volume) => HEIGHT - BOTTOM - (volume / high) * (HEIGHT - TOP - BOTTOM);
-    const places = moments.map(({ numbers: [, seconds, hypervolume] }) => [this.#across(seconds), y(hypervolume)]);
-    const bottom = HEIGHT - BOTTOM;
-    const times = ticks(0, moments.at(-1).numbers[1] || 1).map((value) => [this.#across(value), `${short(value)} s`]);
+    const end = moments.at(-1).numbers[1] || 1; // s
+    this.across = scale([0, end], [LEFT, RIGHT]);
+    const y = scale([0, high], [BOTTOM, TOP]);
+    const places = moments.map(({ numbers: [, seconds, hypervolume] }) => [this.across(seconds), y(hypervolume)]);
+    const times = ticks(0, end).map((value) => [this.across(value), `${short(value)} s`]);
     const [cx, cy] = places[at];
     this.drawing.replaceChildren(
-      ...grid([LEFT, WIDTH - RIGHT, TOP, bottom], times, [0, high].map((volume) => [y(volume), short(volume)])),
+      ...grid([LEFT, RIGHT, TOP, BOTTOM], times, [0, high].map((volume) => [y(volume), short(volume)])),
       svg("path", { d: lined(places) }),
-      svg("line", { x1: cx, x2: cx, y1: TOP, y2: bottom, class: "cursor" }),
+      svg("line", { x1: cx, x2: cx, y1: TOP, y2: BOTTOM, class: "cursor" }),
       svg("circle", { cx, cy, r: 4 }),
     );
   }
