@@ -21,7 +21,6 @@ const state = {
   talk: new Talk(() => state.engine),
   replays: false,
   clock: 0, // control steps of the stage, at which a replay is
-  failure: null, // that the visitor knows
 };
 const former = []; // engines to release between two frames
 let asks = 0; // how often a run was asked for
@@ -122,8 +121,8 @@ async function load({ title, folder, bytes, shared }) {
   const size = bytes + (state.engine ? 0 : shared);
   const begin = traffic.come;
   traffic.follow = () => {
+    Object.assign($("share"), { max: size, value: traffic.come - begin });
     const [come, due] = [traffic.come - begin, size].map((x) => (x / 1e6).toFixed(1));
-    $("share").value = come / due;
     const what = recorded ? "Recorded; loading" : "Loading";
     $("progress").textContent = `${what} ${title}: ${come} of ${due} MB`;
   };
@@ -207,14 +206,13 @@ function stopLookingBack() {
 /** Show the time of the pose on the stage, and what the buttons do now. */
 function showPlayback(engine, stage) {
   const { past, moment } = stage;
-  const { steps } = (moment === null ? stage.latest : past[moment])[engine.selected] ?? stage.latest[0];
+  const { steps } = past.at(moment ?? -1)[engine.selected] ?? past.at(-1)[0];
   const { dt, motion } = engine.about;
   $("clock").textContent = `${(steps * dt).toFixed(1)} ${motion ? `of ${motion.toFixed(1)} ` : ""}s`;
   $("clock").classList.toggle("phase", Boolean(motion));
   $("clock").style.setProperty("--share", (steps * dt) / motion);
   const { paused, pace, failure } = engine;
-  if (failure !== state.failure) {
-    state.failure = failure;
+  if (isNews($("event"), failure)) {
     if (failure) announce(failure, true);
     else $("event").classList.remove("staying");
   }

@@ -53,13 +53,11 @@ export function onDrag(drawing, choose, hover = () => {}) {
     const { x, y } = point.matrixTransform(drawing.getScreenCTM().inverse());
     return [x, y];
   };
-  drawing.addEventListener("pointerdown", (event) => {
+  drawing.onpointerdown = (event) => {
     drawing.setPointerCapture(event.pointerId);
     choose(place(event), true);
-  });
-  drawing.addEventListener("pointermove", (event) => {
-    (event.buttons ? choose : hover)(place(event), false);
-  });
+  };
+  drawing.onpointermove = (event) => (event.buttons ? choose : hover)(place(event), false);
 }
 
 /** Return the linear map of one range to another. */

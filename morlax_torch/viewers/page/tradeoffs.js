@@ -48,16 +48,26 @@ export function summary(weights, titles) {
   return parts.length > 2 ? `${parts.slice(0, 2).join(", ")}, …` : parts.join(", ");
 }
 
+/** Return the values of a front's policies: measured quantities, which come first, and returns. */
+export function valuesOf({ objectives, titles, front }) {
+  const returns = objectives.map((key, index) => {
+    const values = front.returns.map((row) => row[index]);
+    return { index, key, name: titles[index], lower: false, physical: false, values, color: colorOf(index) };
+  });
+  const measured = front.measured.map((quantity) => {
+    return { ...quantity, key: quantity.name, physical: true, color: "var(--ink)" };
+  });
+  return [...measured, ...returns];
+}
+
 /** Return the indices of the front's policies that keep required levels, by index of the value. */
-export function keeping({ front, objectives }, levels) {
-  const measured = Object.fromEntries(front.measured.map((quantity) => [quantity.index, quantity]));
+export function keeping(about, levels) {
+  const required = valuesOf(about).filter(({ index }) => index in levels);
   const keeps = (policy) =>
-    Object.entries(levels).every(([index, level]) => {
-      if (index < objectives.length) return front.returns[policy][index] >= level;
-      const { lower, values } = measured[index];
-      return lower ? values[policy] <= level : values[policy] >= level;
+    required.every(({ index, lower, values }) => {
+      return lower ? values[policy] <= levels[index] : values[policy] >= levels[index];
     });
-  return front.returns.map((_, policy) => policy).filter(keeps);
+  return about.front.returns.map((_, policy) => policy).filter(keeps);
 }
 
 /** Return the squared distance of two points. */

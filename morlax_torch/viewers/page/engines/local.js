@@ -1,6 +1,6 @@
 // Moves robots in this browser: the page needs no server. See `Remote` for the other engine.
 
-import { MOST, keeping } from "../tradeoffs.js";
+import { MOST, keeping, valuesOf } from "../tradeoffs.js";
 import { Simulation } from "./simulation.js";
 
 const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
@@ -142,15 +142,14 @@ export class Local {
       this.choosing.reason = "no evaluated policy keeps all of this";
       return;
     }
-    const { objectives, front } = this.about;
-    const quantity = front.measured.find(({ index }) => index === maximized);
-    const values = quantity?.values ?? front.returns.map((row) => row[maximized]);
+    const { front } = this.about;
+    const all = valuesOf(this.about);
+    const { values } = all.find(({ index }) => index === maximized);
     const best = kept.reduce((a, b) => (values[b] > values[a] ? b : a));
-    const returns = Object.fromEntries(objectives.map((name, i) => [name, front.returns[best][i]]));
-    const quantities = Object.fromEntries(front.measured.map(({ name, values }) => [name, values[best]]));
+    const returns = Object.fromEntries(all.map(({ key, values }) => [key, values[best]])); // and quantities
     const [tradeoff, falls] = [front.tradeoffs[best], front.falls[best]];
     const cost = Math.max(...values) - values[best];
-    this.choosing.found = { tradeoff, returns, quantities, cost, falls, simulated: 0 };
+    this.choosing.found = { tradeoff, returns, cost, falls, simulated: 0 };
     this.steer(tradeoff);
   }
 }

@@ -1,8 +1,9 @@
 // Choose a trade-off by what its policy must reach: returns, or measured quantities.
 
 import { $, isNews, percent, short } from "../pictures.js";
+import { valuesOf } from "../tradeoffs.js";
 import { Sliders } from "./sliders.js";
-import { inUnit, named, present, valuesOf } from "./units.js";
+import { inUnit, named, present } from "./units.js";
 
 export class ChoosingPanel {
   /** @param settled called with the index of a value whose threshold has changed, or that is maximized. */
@@ -25,12 +26,11 @@ export class ChoosingPanel {
       }
       this.asked = {};
     };
-    this.sliders = new Sliders(this.rows, move, done);
+    this.sliders = new Sliders($("levels"), this.rows, move, done);
     this.sliders.inputs.forEach((input, i) => {
       input.value = this.rows[i].rest;
       this.rows[i].rest = Number(input.value); // the last step may lie before the right end
     });
-    $("levels").replaceChildren(...this.sliders.elements);
   }
 
   /** Require a value, by its index; null: any. */

@@ -1,8 +1,8 @@
 // What the robots do now, in the present unit, and how the former episode ended.
 
 import { $, amount, html, isNews } from "../pictures.js";
-import { nearest, robotColor } from "../tradeoffs.js";
-import { inUnit, present, valuesOf } from "./units.js";
+import { nearest, robotColor, valuesOf } from "../tradeoffs.js";
+import { inUnit, present } from "./units.js";
 
 export class Episode {
   constructor(engine, live) {

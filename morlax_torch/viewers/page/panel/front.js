@@ -1,8 +1,8 @@
 // The map of policies: two of their values against each other, and every point is a trade-off.
 
-import { grid, html, lined, onDrag, percent, scale, short, svg, ticks } from "../pictures.js";
-import { distance, lowest, mixed, nearest } from "../tradeoffs.js";
-import { inUnit, named, ofEpisode, valuesOf } from "./units.js";
+import { $, grid, html, lined, onDrag, percent, scale, short, svg, ticks } from "../pictures.js";
+import { distance, lowest, mixed, nearest, valuesOf } from "../tradeoffs.js";
+import { inUnit, named, ofEpisode } from "./units.js";
 
 const [WIDTH, HEIGHT] = [380, 268];
 const [LEFT, RIGHT, TOP, BOTTOM] = [50, 368, 10, 232]; // of the axes
@@ -31,25 +31,16 @@ export class FrontPlot {
     });
     this.places = this.front.tradeoffs.map((_, i) => this.columns.map((column, k) => this.#along(k, column[i])));
     this.along = indicesOf(this.front.best).sort((a, b) => this.places[a][0] - this.places[b][0]);
-    [this.past, this.lines, this.pins, this.marks] = [svg("g"), svg("g"), svg("g"), svg("g")];
     this.nearest = 0;
-    const label = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
-    this.drawing = svg(
-      "svg",
-      { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "slider", tabindex: 0, "aria-label": label },
-      ...this.#scales(),
-      this.lines,
-      ...this.#points(),
-      this.past,
-      this.pins,
-      this.marks,
-    );
-    this.tip = html("p", { className: "tip", hidden: true });
-    this.element = html("div", { className: "map" }, this.drawing, this.tip);
+    this.#drawScales();
+    this.#drawPoints();
+    this.drawing = $("front").firstElementChild;
+    this.drawing.ariaLabel = `Pareto front of ${this.axes.map(named).join(" and ")}: click, or use the arrow keys`;
     onDrag(this.drawing, (place, begins) => this.#choose(place, begins), (place) => this.#point(place));
-    this.drawing.addEventListener("pointerup", () => this.#release());
-    this.drawing.addEventListener("pointerleave", () => (this.tip.hidden = true));
-    this.drawing.addEventListener("keydown", (event) => this.#step(event));
+    this.drawing.onpointerup = () => this.#release();
+    this.drawing.onpointerleave = () => ($("tip").hidden = true);
+    this.drawing.onkeydown = (event) => this.#step(event);
+    $("tip").hidden = true;
   }
 
   /** Mark the evaluated trade-offs that are nearest to given ones; the last is the visitor's own. */
@@ -68,7 +59,7 @@ export class FrontPlot {
     const [x, y] = this.places[this.nearest];
     const look = { ...beside(x, 12), y: y > HEIGHT / 2 ? y - 9 : y + 16, class: "readout told" };
     const told = isBetween ? [svg("text", look, "between evaluated policies")] : [];
-    this.marks.replaceChildren(...circles, ...told);
+    $("marks").replaceChildren(...circles, ...told);
     const ariaValueText = this.#facts(this.nearest).join(", ");
     Object.assign(this.drawing, { ariaValueNow: this.nearest, ariaValueText });
   }
@@ -87,7 +78,7 @@ export class FrontPlot {
       const d = isLine ? lined(sorted) : sorted.map((place) => `${lined([place])}h0`).join("");
       return [svg("path", { d, class: isLine ? "earlier" : "earlier dots" })];
     });
-    this.past.replaceChildren(...drawn.flat());
+    $("past").replaceChildren(...drawn.flat());
     this.drawing.classList.toggle("looks-back", asked);
   }
 
@@ -120,7 +111,7 @@ export class FrontPlot {
         svg("text", { ...beside(x, 8), y: y - 7, class: "pin-name" }, `@${name}`),
       ];
     });
-    this.pins.replaceChildren(...pins);
+    $("pins").replaceChildren(...pins);
   }
 
   #choose(place, begins) {
@@ -176,13 +167,13 @@ export class FrontPlot {
         svg("text", { ...place, class: "readout" }, `${axis.lower ? "≤" : "≥"} ${level}`),
       ];
     });
-    this.lines.replaceChildren(...parts);
+    $("thresholds").replaceChildren(...parts);
   }
 
   /** Tell the point under the pointer, if there is one. */
   #point(place) {
     const point = lowest(this.places, (other) => distance(other, place));
-    if (distance(this.places[point], place) > NEAR ** 2) this.tip.hidden = true;
+    if (distance(this.places[point], place) > NEAR ** 2) $("tip").hidden = true;
     else this.#tell(point);
   }
 
@@ -199,10 +190,10 @@ export class FrontPlot {
 
   /** Show the facts of a point beside it. */
   #tell(point) {
-    this.tip.hidden = false;
-    this.tip.replaceChildren(...this.#facts(point).map((textContent) => html("span", { textContent })));
+    $("tip").hidden = false;
+    $("tip").replaceChildren(...this.#facts(point).map((textContent) => html("span", { textContent })));
     const [x, y] = this.places[point];
-    this.tip.style.cssText = `--x: ${x / WIDTH}; --y: ${y / HEIGHT}`;
+    $("tip").style.cssText = `--x: ${x / WIDTH}; --y: ${y / HEIGHT}`;
   }
 
   /** Move along the front with the arrow keys. */
@@ -221,7 +212,7 @@ export class FrontPlot {
     return scale(this.ranges[k], SPANS[k])(clamped(value, this.ranges[k]));
   }
 
-  #points() {
+  #drawPoints() {
     const { best, fails, tradeoffs } = this.front;
     const order = this.places.map((_, i) => i).sort((a, b) => best[a] - best[b]);
     const draw = (i) => {
@@ -231,21 +222,21 @@ export class FrontPlot {
       return svg("circle", { cx, cy, r: 3.4, fill: mixed(tradeoffs[i]) });
     };
     this.points = order.map((i) => [i, draw(i)]);
-    return this.points.map(([, point]) => point);
+    $("points").replaceChildren(...this.points.map(([, point]) => point));
   }
 
-  #scales() {
+  #drawScales() {
     const marks = this.ranges.map((range, k) => ticks(...range).map((value) => [this.#along(k, value), short(value)]));
     const [x, y] = [(LEFT + RIGHT) / 2, (TOP + BOTTOM) / 2];
     const [across, up] = this.axes.map((axis) => {
       return axis.lower ? `← better · ${named(axis)}` : `${named(axis)} · better →`;
     });
     const look = { class: "axis", "text-anchor": "middle" };
-    return [
+    $("scales").replaceChildren(
       ...grid([LEFT, RIGHT, TOP, BOTTOM], ...marks),
       svg("text", { x, y: HEIGHT - 4, ...look }, across),
       svg("text", { transform: `translate(11 ${y}) rotate(-90)`, ...look }, up),
-    ];
+    );
   }
 }
 

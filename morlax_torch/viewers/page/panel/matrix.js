@@ -1,6 +1,6 @@
 // Small fronts of all pairs of objectives, each of which a visitor can enlarge.
 
-import { html, svg } from "../pictures.js";
+import { $, html, svg } from "../pictures.js";
 import { colorOf, mixed, nearest } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT, MARGIN] = [100, 64, 6];
@@ -12,8 +12,8 @@ export class Matrix {
     const m = titles.length;
     this.radius = 1.7 * (m - 1); // about 5 pixels
     this.cells = [];
-    this.element = html("div", { className: "matrix" });
-    this.element.style.gridTemplateColumns = `repeat(${m - 1}, minmax(0, 1fr)) auto`;
+    $("matrix").replaceChildren();
+    $("matrix").style.gridTemplateColumns = `repeat(${m - 1}, minmax(0, 1fr)) auto`;
     titles.forEach((title, up) => {
       for (let across = 0; across < up; across++) {
         const label = `${title} against ${titles[across]}`;
@@ -21,12 +21,12 @@ export class Matrix {
         button.style.gridArea = `${up + 1} / ${across + 1}`;
         button.addEventListener("click", () => enlarge([across, up]));
         this.cells.push(this.#drawn(button, across, up));
-        this.element.append(button);
+        $("matrix").append(button);
       }
       const name = html("span", { className: "dot", textContent: title });
       name.style.cssText = `--color: ${colorOf(up)}; grid-area: ${up + 1} / ${up + 1}`;
       if (up < m - 1) name.style.gridColumnEnd = -1;
-      this.element.append(name);
+      $("matrix").append(name);
     });
   }
 

@@ -9,8 +9,8 @@ import { LineupPanel, showNames } from "./lineup.js";
 import { Live } from "./live.js";
 import { Matrix } from "./matrix.js";
 import { $, isNews, percent } from "../pictures.js";
-import { colorOf, keeping, mixed, moved, robotColor } from "../tradeoffs.js";
-import { RunLists, SavingPanel } from "./runs.js";
+import { colorOf, keeping, mixed, moved, robotColor, valuesOf } from "../tradeoffs.js";
+import { RunLists, showSaving } from "./runs.js";
 import { Sliders } from "./sliders.js";
 import { TrainingPanel } from "./training.js";
 import { Triangle } from "./triangle.js";
@@ -45,7 +45,7 @@ export class Panel {
     };
     this.#showWeights(settled);
     this.triangle = this.names.length === 3 ? [new Triangle(this.names, this.choose)] : [];
-    $("triangle").replaceChildren(...this.triangle.map((plot) => plot.element));
+    $("triangle").hidden = this.names.length !== 3;
     this.required = (index) => (this.#reveal(index), settled());
     this.training = new TrainingPanel(engine);
     this.#renew();
@@ -55,7 +55,6 @@ export class Panel {
       new LineupPanel(engine),
       new Episode(engine, live),
       new Charts(engine, stage, live),
-      new SavingPanel(engine),
     );
     for (const unit of ["second", "episode"]) $(`per-${unit}`).onclick = () => this.measureBy(unit);
   }
@@ -87,6 +86,7 @@ export class Panel {
     this.choosing?.show();
     this.training.show();
     showNames(engine);
+    showSaving(engine);
     const { steered, robots, selected, asking, choosing, bookmarks } = engine;
     this.weights.show(steered.tradeoff);
     $("follow").hidden = typeof steered.follows !== "boolean";
@@ -127,8 +127,7 @@ export class Panel {
       return { name, limits: [0, 1], color: colorOf(i), format: percent, title, act };
     });
     const move = (index, value) => choose(moved(engine.steered.tradeoff, index, value));
-    this.weights = new Sliders(rows, move, settled);
-    $("weights").replaceChildren(...this.weights.elements);
+    this.weights = new Sliders($("weights"), rows, move, settled);
   }
 
   /** Show sliders for numbers with ranges in their section, or hide it; returns them. */
@@ -137,9 +136,7 @@ export class Panel {
     if (!ranges) return undefined;
     const look = { color: "var(--ink)", format };
     const rows = Object.entries(ranges).map(([name, limits]) => ({ name, limits, ...look }));
-    const sliders = new Sliders(rows, move, done);
-    $(id).replaceChildren(...sliders.elements);
-    return sliders;
+    return new Sliders($(id), rows, move, done);
   }
 
   #showKinds(about) {
@@ -159,12 +156,12 @@ export class Panel {
   #showPlots() {
     const { front, names, moments } = this;
     this.plots = this.triangle;
-    const values = front ? units.valuesOf(this.engine.about) : [];
+    const values = front ? valuesOf(this.engine.about) : [];
     $("axes").hidden = values.length < 3;
-    $("matrix").replaceChildren();
-    $("legend").hidden = !front;
+    $("front").hidden = $("legend").hidden = !front;
+    $("matrix").hidden = !front || names.length < 3;
     $("checkpoint").hidden = Boolean(front);
-    if (!front) return $("front").replaceChildren();
+    if (!front) return;
     explain(front, moments);
     const offered = JSON.stringify(values.map(({ index, name }) => [index, name]));
     if (offered !== this.offered) {
@@ -173,9 +170,7 @@ export class Panel {
         list.replaceChildren(...values.map(({ name, index }) => new Option(name, index)));
       }
     }
-    if (names.length < 3) return;
-    this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
-    $("matrix").replaceChildren(this.matrix.element);
+    if (names.length > 2) this.matrix = new Matrix(this.engine.about, (axes) => this.#enlarge(axes));
   }
 
   /** Show a value on an axis, so that the line of its requirement is seen. */
@@ -189,10 +184,7 @@ export class Panel {
     this.axes = axes;
     const { choose: pick, choosing, moments } = this;
     const acts = { pick, require: (...level) => choosing.require(...level) };
-    const isFocused = $("front").contains(document.activeElement);
     this.map = new FrontPlot(this.engine.about, axes, acts, moments);
-    $("front").replaceChildren(this.map.element);
-    if (isFocused) this.map.drawing.focus({ preventScroll: true });
     axes.forEach((index, i) => (this.lists[i].value = index));
     this.matrix?.choose(axes);
     this.plots = [...this.triangle, ...(this.matrix ? [this.matrix] : []), this.map];

@@ -44,17 +44,11 @@ function shortened(names) {
   });
 }
 
-export class SavingPanel {
-  constructor(engine) {
-    this.engine = engine;
-  }
-
-  show() {
-    const { saving, choosing } = this.engine;
-    if (!isNews(this, saving, Boolean(choosing?.found))) return;
-    $("export").hidden = !saving;
-    $("card").hidden = !saving || !choosing?.found;
-    $("export").disabled = $("card").disabled = Boolean(saving?.busy);
-    $("saved").textContent = saving?.text ?? "";
-  }
+/** Offer to write files, and tell what was written. */
+export function showSaving({ saving, choosing }) {
+  if (!isNews($("saved"), saving, Boolean(choosing?.found))) return;
+  $("export").hidden = !saving;
+  $("card").hidden = !saving || !choosing?.found;
+  $("export").disabled = $("card").disabled = Boolean(saving?.busy);
+  $("saved").textContent = saving?.text ?? "";
 }

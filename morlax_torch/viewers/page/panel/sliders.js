@@ -4,7 +4,7 @@ import { html } from "../pictures.js";
 
 export class Sliders {
   /** `move` is called with index and value while a visitor drags, `done` when he or she lets go. */
-  constructor(rows, move, done = () => {}) {
+  constructor(place, rows, move, done = () => {}) {
     this.rows = rows;
     this.inputs = rows.map(({ name, limits: [min, max] }, index) => {
       const input = html("input", { type: "range", min, max, step: (max - min) / 200, ariaLabel: name });
@@ -20,6 +20,7 @@ export class Sliders {
       row.style.setProperty("--color", color);
       return row;
     });
+    place.replaceChildren(...this.elements);
   }
 
   /** Show the values of all sliders; one that a visitor holds stays under the hand. */

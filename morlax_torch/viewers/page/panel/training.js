@@ -17,10 +17,7 @@ export class TrainingPanel {
     $("moment").oninput = () => ask(Number($("moment").value));
     $("grow").onclick = () => (this.began = this.began === null ? performance.now() : null);
     const near = ([x]) => ask(lowest(this.moments, ({ numbers: [, seconds] }) => Math.abs(this.across(seconds) - x)));
-    const label = "Hypervolume of the front over the seconds of training";
-    const look = { viewBox: "0 0 380 100", class: "chart growth", role: "img", "aria-label": label };
-    onDrag((this.drawing = svg("svg", look)), near);
-    $("growth").replaceChildren(this.drawing);
+    onDrag($("growth"), near);
   }
 
   /** The evaluations whose fronts the run has kept, the newest last: steps, seconds and hypervolume are `numbers`. */
@@ -71,7 +68,7 @@ export class TrainingPanel {
     const places = moments.map(({ numbers: [, seconds, hypervolume] }) => [this.across(seconds), y(hypervolume)]);
     const times = ticks(0, end).map((value) => [this.across(value), `${short(value)} s`]);
     const [cx, cy] = places[at];
-    this.drawing.replaceChildren(
+    $("growth").replaceChildren(
       ...grid([LEFT, RIGHT, TOP, BOTTOM], times, [0, high].map((volume) => [y(volume), short(volume)])),
       svg("path", { d: lined(places) }),
       svg("line", { x1: cx, x2: cx, y1: TOP, y2: BOTTOM, class: "cursor" }),

@@ -1,10 +1,9 @@
 // The trade-offs of three objectives as a triangle: each corner is one objective alone.
 
-import { onDrag, svg } from "../pictures.js";
+import { $, onDrag, svg } from "../pictures.js";
 import { colorOf, summary } from "../tradeoffs.js";
 
-const [WIDTH, HEIGHT] = [320, 236];
-const CORNERS = [[160, 22], [51, 211], [269, 211]]; // all sides equally long
+const CORNERS = [[160, 22], [51, 211], [269, 211]]; // as index.html draws them
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const STEP = 8; // of an arrow key
 
@@ -12,32 +11,17 @@ export class Triangle {
   /** @param pick called with the trade-off that a visitor clicks or drags to. */
   constructor(names, pick) {
     Object.assign(this, { names, pick });
-    this.marks = svg("g");
-    const [top, left, right] = CORNERS;
-    const label = (i, [x, y]) => svg("text", { x, y, class: "corner", "text-anchor": "middle" }, names[i]);
-    this.element = svg(
-      "svg",
-      {
-        viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
-        class: "plot",
-        role: "slider",
-        tabindex: 0,
-        "aria-label": `Trade-off of ${names.join(", ")}: click to choose, or use the arrow keys`,
-      },
-      svg("g", { style: "isolation: isolate" }, ...CORNERS.flatMap(shade)),
-      svg("polygon", { points: CORNERS.join(" "), class: "edge" }),
-      label(0, [top[0], top[1] - 10]),
-      label(1, [left[0], left[1] + 20]),
-      label(2, [right[0], right[1] + 20]),
-      this.marks,
-    );
+    this.element = $("triangle").firstElementChild;
+    this.element.ariaLabel = `Trade-off of ${names.join(", ")}: click to choose, or use the arrow keys`;
+    this.element.querySelectorAll(".corner").forEach((text, i) => (text.textContent = names[i]));
+    [...$("shades").children].forEach((shade, i) => shade.style.setProperty("--color", colorOf(i)));
     onDrag(this.element, (place) => this.#choose(place));
-    this.element.addEventListener("keydown", (event) => {
+    this.element.onkeydown = (event) => {
       const [x, y] = WAYS[event.key] ?? [];
       if (x === undefined) return;
       event.preventDefault();
       this.#choose([this.place[0] + STEP * x, this.place[1] + STEP * y]);
-    });
+    };
   }
 
   /** Mark trade-offs; see `FrontPlot`. */
@@ -46,7 +30,7 @@ export class Triangle {
       const [cx, cy] = (this.place = at(weights));
       return svg("circle", { cx, cy, r: 8, fill, stroke: outline, class: "mark" });
     });
-    this.marks.replaceChildren(...circles);
+    $("triangle-marks").replaceChildren(...circles);
     const { weights } = marks.at(-1);
     Object.assign(this.element, { ariaValueNow: weights[0], ariaValueText: summary(weights, this.names) });
   }
@@ -69,19 +53,4 @@ function weightsAt([x, y]) {
   const a = ((by - cy) * (x - cx) + (cx - bx) * (y - cy)) / area;
   const b = ((cy - ay) * (x - cx) + (ax - cx) * (y - cy)) / area;
   return [a, b, 1 - a - b];
-}
-
-/** Fill the triangle with an objective's color, as strong as its weight; the colors of all add up. */
-function shade([x1, y1], corner) {
-  const others = CORNERS.toSpliced(corner, 1);
-  const [x2, y2] = [0, 1].map((axis) => (others[0][axis] + others[1][axis]) / 2);
-  const ends = [1, 0].map((opacity) => {
-    return svg("stop", { offset: 1 - opacity, "stop-color": colorOf(corner), "stop-opacity": opacity });
-  });
-  const id = `shade-${corner}`;
-  const style = "mix-blend-mode: plus-lighter";
-  return [
-    svg("linearGradient", { id, gradientUnits: "userSpaceOnUse", x1, y1, x2, y2 }, ...ends),
-    svg("polygon", { points: CORNERS.join(" "), fill: `url(#${id})`, style }),
-  ];
 }

@@ -1,25 +1,11 @@
 // The unit of everything that policies earn, for the whole page: per second, or per episode.
 
-import { colorOf } from "../tradeoffs.js";
-
 let per = "second";
 
 export const present = () => per;
 
 export function choose(unit) {
   per = unit;
-}
-
-/** Return the values of a front's policies: measured quantities, which come first, and returns. */
-export function valuesOf({ objectives, titles, front }) {
-  const returns = objectives.map((key, index) => {
-    const values = front.returns.map((row) => row[index]);
-    return { index, key, name: titles[index], lower: false, physical: false, values, color: colorOf(index) };
-  });
-  const measured = front.measured.map((quantity) => {
-    return { ...quantity, key: quantity.name, physical: true, color: "var(--ink)" };
-  });
-  return [...measured, ...returns];
 }
 
 /** Return how many times the number of a whole episode one in the present unit is smaller. */

@@ -85,7 +85,6 @@ export class Stage {
     this.past = []; // poses of all robots, the oldest first, and control steps until then
     this.clock = 0; // control steps since the robots are shown
     this.moment = null; // index of the past pose to draw; null: the present
-    this.latest = null;
     this.advance();
     const stays = this.width !== undefined && same && this.number === robots.length;
     this.number = robots.length;
@@ -102,15 +101,14 @@ export class Stage {
   advance() {
     const { robots, about } = this.engine;
     if (robots.length !== this.robots.length) return;
-    const [first] = this.latest ?? [{ steps: -1 }];
+    const [first] = this.past.at(-1) ?? [{ steps: -1 }];
     if (robots[0].steps === first.steps) return; // paused
-    this.former = this.latest;
-    this.latest = robots.map(({ places, turns, steps, contacts, ghost }) => {
+    const poses = robots.map(({ places, turns, steps, contacts, ghost }) => {
       return { places: places.slice(), turns: turns.slice(), steps, contacts, ghost };
     });
     const { steps } = robots[0];
     this.clock += steps > first.steps ? steps - first.steps : steps;
-    this.past.push(Object.assign(this.latest, { clock: this.clock }));
+    this.past.push(Object.assign(poses, { clock: this.clock }));
     while ((this.clock - this.past[0].clock) * about.dt > KEPT) this.past.shift();
   }
 
@@ -173,8 +171,7 @@ export class Stage {
   /** Return the poses of a robot to draw between. */
   #drawn(i) {
     if (this.moment !== null) return [this.past[this.moment][i], this.past[this.moment][i]];
-    const latest = this.latest[i];
-    const former = this.former?.[i] ?? latest;
+    const [latest, former = latest] = [this.past.at(-1)[i], this.past.at(-2)?.[i]];
     return former.steps > latest.steps ? [latest, latest] : [former, latest]; // a new episode
   }
 
