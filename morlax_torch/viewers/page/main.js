@@ -5,7 +5,7 @@ import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
 import { Panel } from "./panel/panel.js";
 import { $, html, isNews, setIcon } from "./pictures.js";
-import { Talk } from "./panel/talk.js";
+import * as talk from "./panel/talk.js";
 import { even, parsed, shown } from "./tradeoffs.js";
 
 const PACES = [1, 0.5, 0.25];
@@ -18,7 +18,6 @@ const state = {
   folder: "", // of the run, without a server
   panel: null,
   stage: null,
-  talk: new Talk(() => state.engine),
   replays: false,
   clock: 0, // control steps of the stage, at which a replay is
 };
@@ -184,7 +183,7 @@ async function run() {
     if (engine.scene !== stage.source) stage.show(engine);
     stage.draw(share);
     state.panel.show();
-    state.talk.show();
+    $("talk").hidden = !Object.keys(engine.bookmarks ?? {}).length;
     drive(engine);
     showPlayback(engine, stage);
   }
@@ -248,7 +247,7 @@ function wireControls() {
     camera: () => state.stage.lookHome(),
     photo: async () => download(await state.stage.picture(), "png"),
     clip: film,
-    talk: () => state.talk.start(),
+    talk: () => talk.begin(state.engine),
     pace: () => state.engine.setPace(PACES[(PACES.indexOf(state.engine.pace) + 1) % PACES.length]),
     "keys-button": () => $("help").showModal(),
   };
@@ -286,7 +285,7 @@ function wireControls() {
     const key = CSS.escape(event.key.toLowerCase());
     const button = document.querySelector(`[data-key="${key}"]:not([aria-pressed="true"])`);
     button?.click();
-    if (button || state.talk.press(event.key) || press(state.engine, event.key)) event.preventDefault();
+    if (button || talk.follow(state.engine, event.key) || press(state.engine, event.key)) event.preventDefault();
   });
 }
 
@@ -300,7 +299,7 @@ function isOwn({ target, key, defaultPrevented }) {
 /** Begin a clip, or end it and save it as a video. */
 async function film() {
   const { capture } = state.stage;
-  const ends = capture.records;
+  const ends = capture.recorder !== null;
   label("clip", ends ? "Record a clip" : "End the clip and save it", ends ? "clip" : "stop", "clip");
   $("clip").setAttribute("aria-pressed", !ends);
   if (!ends) {

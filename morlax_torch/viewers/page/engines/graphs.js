@@ -33,8 +33,4 @@ export class Graph {
     const names = this.session.outputNames;
     return Object.fromEntries(this.outputs.map((name, i) => [name, results[names[i]].data]));
   }
-
-  release() {
-    return this.session.release();
-  }
 }

@@ -142,7 +142,7 @@ export class Simulation {
   async release(last) {
     this.data.delete();
     if (!last) return;
-    await Promise.all(Object.values(this.graphs).map((graph) => graph.release()));
+    await Promise.all(Object.values(this.graphs).map(({ session }) => session.release()));
     this.model.delete();
   }
 

@@ -22,11 +22,10 @@ export class Charts {
     if (form !== this.form || stage.clock * engine.about.dt < this.time) this.#forget();
     this.form = form;
     this.time = stage.clock * engine.about.dt;
-    const open = $("charts-section").open;
     if (this.time - (this.samples.at(-1)?.time ?? -1) >= INTERVAL) this.#sample();
     else if (stage.moment === this.moment) return;
     this.moment = stage.moment;
-    if (open) this.#draw();
+    if ($("charts-section").open) this.#draw();
   }
 
   #forget() {

@@ -10,10 +10,6 @@ export class Capture {
     Object.assign(this, { view, labels, recorder: null, canvas: document.createElement("canvas") });
   }
 
-  get records() {
-    return this.recorder !== null;
-  }
-
   /** Return the present drawing as a PNG file's data. */
   picture() {
     this.#size();
@@ -53,7 +49,7 @@ export class Capture {
 
   /** Take the size of the drawing, between clips; videos need even numbers. */
   #size() {
-    if (this.records) return;
+    if (this.recorder) return;
     this.canvas.width = 2 * Math.ceil(this.view.width / 2);
     this.canvas.height = 2 * Math.ceil(this.view.height / 2);
   }

@@ -157,7 +157,7 @@ export class Stage {
     this.surroundings.follow(ways, this.center);
     this.renderer.render(this.scene, this.camera);
     this.#placeLabels();
-    if (this.capture.records) this.capture.copy(); // a browser forgets the drawing soon
+    if (this.capture.recorder) this.capture.copy(); // a browser forgets the drawing soon
   }
 
   /** Draw more coarsely where frames last long (ms), so that the robot moves in real time. */

@@ -3,8 +3,8 @@
 import * as THREE from "three";
 
 const LOOKS = {
-  light: { zenith: "#7fb2e6", horizon: "#e9eff6", tiles: ["#e3e8ee", "#cbd5e1"], sun: 2.6, sky: 1.6 },
-  dark: { zenith: "#0d1526", horizon: "#33415a", tiles: ["#525c6e", "#434d5e"], sun: 2.6, sky: 1.7 },
+  light: { zenith: "#7fb2e6", horizon: "#e9eff6", tiles: ["#e3e8ee", "#cbd5e1"], sky: 1.6 },
+  dark: { zenith: "#0d1526", horizon: "#33415a", tiles: ["#525c6e", "#434d5e"], sky: 1.7 },
 };
 const TILES = 200; // along each side of an endless floor
 const SUN = new THREE.Vector3(-0.45, -0.6, 1.15); // from here it shines
@@ -40,7 +40,6 @@ export class Surroundings {
     this.scene.background?.dispose();
     this.scene.background = sky(look);
     this.scene.fog.color.set(look.horizon);
-    this.sun.intensity = look.sun;
     this.fill.color.set(look.zenith).lerp(new THREE.Color("white"), 0.6);
     this.fill.groundColor.set(look.tiles[0]);
     this.fill.intensity = look.sky;
@@ -91,7 +90,7 @@ function sky({ zenith, horizon }) {
 
 /** @param aside half the distance between the outermost robots. */
 function sunlight(size, aside) {
-  const sun = new THREE.DirectionalLight("#fff4e6");
+  const sun = new THREE.DirectionalLight("#fff4e6", 2.6);
   sun.castShadow = true;
   sun.shadow.radius = 3;
   sun.shadow.normalBias = 0.01 * size;
