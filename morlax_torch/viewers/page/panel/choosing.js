@@ -15,18 +15,8 @@ export class ChoosingPanel {
       settled(Number($("maximize").value));
     };
     this.rows = this.numbers.map((number) => this.#rowOf(number));
-    this.asked = {}; // shown while a visitor drags
-    const move = (i, value) => {
-      this.asked[i] = value;
-      this.sliders.show(this.#values());
-    };
-    const done = () => {
-      for (const [i, value] of Object.entries(this.asked)) {
-        this.require(this.numbers[i].index, isFree(this.rows[i], value) ? null : value);
-      }
-      this.asked = {};
-    };
-    this.sliders = new Sliders($("levels"), this.rows, move, done);
+    const done = (i, value) => this.require(this.numbers[i].index, isFree(this.rows[i], value) ? null : value);
+    this.sliders = new Sliders($("levels"), this.rows, () => {}, done);
     this.sliders.inputs.forEach((input, i) => {
       input.value = this.rows[i].rest;
       this.rows[i].rest = Number(input.value); // the last step may lie before the right end
@@ -43,9 +33,9 @@ export class ChoosingPanel {
 
   show() {
     const { choosing } = this.engine;
-    if (!choosing || Object.keys(this.asked).length || !isNews(this, choosing, present())) return;
+    if (!choosing || !isNews(this, choosing, present())) return;
     const { levels, maximized, searching, found, reason, progress } = choosing;
-    this.sliders.show(this.#values());
+    this.sliders.show(this.numbers.map(({ index }, i) => levels[index] ?? this.rows[i].rest));
     const offered = this.numbers.filter(({ lower, index }) => !lower && (index === maximized || !(index in levels)));
     $("maximize").replaceChildren(...offered.map(({ name, index }) => new Option(name, index)));
     $("maximize").value = maximized;
@@ -55,11 +45,6 @@ export class ChoosingPanel {
     $("search-round").textContent = progress?.round ? `simulating policies, round ${progress.round}` : "preparing…";
     $("found").textContent = searching ? "" : this.#result(choosing);
     $("found").dataset.state = reason || found?.falls ? "missed" : found ? "found" : "";
-  }
-
-  #values() {
-    const { levels } = this.engine.choosing;
-    return this.numbers.map(({ index }, i) => this.asked[i] ?? levels[index] ?? this.rows[i].rest);
   }
 
   /** Say in one line what was found, its margins and its cost. */

@@ -3,13 +3,16 @@
 import { html } from "../pictures.js";
 
 export class Sliders {
-  /** `move` is called with index and value while a visitor drags, `done` when he or she lets go. */
+  /** `move` and `done` are called with index and value while a visitor drags, and when he or she lets go. */
   constructor(place, rows, move, done = () => {}) {
     this.rows = rows;
     this.inputs = rows.map(({ name, limits: [min, max] }, index) => {
       const input = html("input", { type: "range", min, max, step: (max - min) / 200, ariaLabel: name });
-      input.addEventListener("input", () => move(index, Number(input.value)));
-      input.addEventListener("change", done);
+      input.addEventListener("input", () => {
+        this.#tell(index, input.valueAsNumber);
+        move(index, input.valueAsNumber);
+      });
+      input.addEventListener("change", () => done(index, input.valueAsNumber));
       return input;
     });
     this.outputs = rows.map(() => html("output", { ariaHidden: true })); // inputs say it
@@ -26,10 +29,15 @@ export class Sliders {
   /** Show the values of all sliders; one that a visitor holds stays under the hand. */
   show(values) {
     values.forEach((value, i) => {
-      if (!this.inputs[i].matches(":active")) this.inputs[i].value = value;
-      const { limits: [min, max], format } = this.rows[i];
-      this.outputs[i].textContent = this.inputs[i].ariaValueText = format(value);
-      this.elements[i].style.setProperty("--share", (value - min) / (max - min));
+      if (this.inputs[i].matches(":active")) return;
+      this.inputs[i].value = value;
+      this.#tell(i, value);
     });
+  }
+
+  #tell(index, value) {
+    const { limits: [min, max], format } = this.rows[index];
+    this.outputs[index].textContent = this.inputs[index].ariaValueText = format(value);
+    this.elements[index].style.setProperty("--share", (value - min) / (max - min));
   }
 }

@@ -65,19 +65,23 @@ export class Robot {
     return bodies;
   }
 
-  /** Draw the arrows and the trail that are `shown`, by name, at a moment of the stage. */
-  decorate(shown, { at, velocity, heading, command, contacts, former }) {
-    const above = (share) => at.clone().add(new THREE.Vector3(0, 0, share * this.size));
+  /** Draw the arrows and the trail that are `shown`, by name, between two poses; `past` has those of the episode. */
+  decorate(shown, { dt, followed }, command, [former, latest], past) {
+    const placeIn = ({ places }) => new THREE.Vector3().fromArray(places, 3 * followed);
+    const above = (share) => this.bodies[followed].position.clone().add(new THREE.Vector3(0, 0, share * this.size));
     const draw = (name, arrows) => this.arrows[name].show(shown.has(name) ? arrows : []);
+    const seconds = (latest.steps - former.steps) * dt;
+    const way = placeIn(latest).sub(placeIn(former));
     const from = above(0.3);
-    draw("velocity", velocity ? [[from, from.clone().addScaledVector(velocity, AHEAD)]] : []);
-    const start = above(0.36);
+    draw("velocity", seconds > 0 ? [[from, from.clone().addScaledVector(way, AHEAD / seconds)]] : []);
+    const { z: heading } = new THREE.Euler().setFromQuaternion(quaternionAt(latest.turns, followed, turn), "ZYX");
     const reach = command && new THREE.Vector3(...command, 0).applyAxisAngle(UP, heading);
+    const start = above(0.36);
     draw("command", reach ? [[start, start.clone().add(reach)]] : []);
-    draw("contacts", pairs(contacts ?? []));
-    this.trail.visible = shown.has("trail") && former.length > 1;
+    draw("contacts", pairs(latest.contacts ?? []));
+    this.trail.visible = shown.has("trail") && past.length > 1;
     if (!this.trail.visible) return;
-    const points = former.slice(-POINTS);
+    const points = past.slice(-POINTS).map(placeIn);
     this.trail.geometry.setFromPoints(points).setDrawRange(0, points.length);
   }
 }

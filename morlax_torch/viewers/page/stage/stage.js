@@ -148,7 +148,7 @@ export class Stage {
       robot.pose(former, latest, share, this.shown);
       const at = robot.bodies[this.engine.about.followed].position;
       robot.group.position.set(this.lanes[i] - at.x, -at.y, 0);
-      if (this.moment === null) this.#decorate(robot, i, at);
+      if (this.moment === null) this.#decorate(robot, i);
       return at;
     });
     const rise = haste * (this.#height(share) - this.center.z);
@@ -182,25 +182,12 @@ export class Stage {
     return THREE.MathUtils.lerp(former.places[at], latest.places[at], share) + this.offset;
   }
 
-  #decorate(robot, i, at) {
+  #decorate(robot, i) {
     const { about, command, names } = this.engine;
-    const [former, latest] = this.#drawn(i);
-    const followed = about.followed;
-    const placeIn = (pose) => new THREE.Vector3().fromArray(pose.places, 3 * followed);
-    const seconds = (latest.steps - former.steps) * about.dt;
-    const velocity = seconds > 0 ? placeIn(latest).sub(placeIn(former)).divideScalar(seconds) : null;
-    const begin = this.past.findLastIndex((pose, k) => {
-      return k > 0 && this.past[k - 1][i].steps > pose[i].steps;
-    });
-    const turn = quaternionAt(latest.turns, followed, new THREE.Quaternion());
-    robot.decorate(this.shown, {
-      at,
-      velocity,
-      heading: new THREE.Euler().setFromQuaternion(turn, "ZYX").z, // to the left of x
-      command: about.velocities && !names ? command.slice(0, 2) : null,
-      contacts: latest.contacts,
-      former: this.shown.has("trail") ? this.past.slice(Math.max(begin, 0)).map((p) => placeIn(p[i])) : [],
-    });
+    const begin = this.past.findLastIndex((pose, k) => k > 0 && this.past[k - 1][i].steps > pose[i].steps);
+    const past = this.past.slice(Math.max(begin, 0)).map((poses) => poses[i]);
+    const wanted = about.velocities && !names ? command.slice(0, 2) : null;
+    robot.decorate(this.shown, about, wanted, this.#drawn(i), past);
   }
 
   #label() {
