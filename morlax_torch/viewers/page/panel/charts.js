@@ -61,15 +61,10 @@ export class Charts {
     while (this.samples[0].time < this.time - SECONDS) this.samples.shift();
   }
 
-  /** Return the seconds before the latest sample that the timeline or the pointer asks about. */
-  #asked() {
-    const { past, moment } = this.stage;
-    if (moment !== null) return this.time - past[moment].clock * this.engine.about.dt;
-    return this.hovered;
-  }
-
   #draw() {
-    const ago = this.#asked();
+    const { past, moment } = this.stage;
+    // seconds before the latest sample that the timeline or the pointer asks about
+    const ago = moment === null ? this.hovered : this.time - past[moment].clock * this.engine.about.dt;
     this.charts.forEach((chart, index) => this.#drawOne(chart, index, ago));
   }
 

@@ -115,7 +115,7 @@ export class FrontPlot {
   }
 
   #choose(place, begins) {
-    if (begins) this.held = this.#lineNear(place);
+    if (begins) this.held = [0, 1].find((k) => Math.abs(this.#lineAt(k) - place[k]) < GRIP) ?? null; // an axis
     if (this.held !== null) {
       const [axis, range] = [this.axes[this.held], this.ranges[this.held]];
       const value = clamped(scale(SPANS[this.held], range)(place[this.held]), range);
@@ -136,12 +136,6 @@ export class FrontPlot {
     const { index } = this.axes[this.held];
     this.held = null;
     this.require(index, this.levels[index]);
-  }
-
-  /** Return the axis of the required level near a place; null: there is none. */
-  #lineNear(place) {
-    const near = [0, 1].find((k) => Math.abs(this.#lineAt(k) - place[k]) < GRIP);
-    return near ?? null;
   }
 
   /** Return where the line of an axis lies; NaN: nothing is required of it. */

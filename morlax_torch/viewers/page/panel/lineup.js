@@ -9,26 +9,22 @@ export class LineupPanel {
   }
 
   show() {
-    const { robots, selected, asking } = this.engine;
+    const { engine } = this;
+    const { robots, selected, asking } = engine;
     $("robots").hidden = Boolean(asking);
     if (!isNews(this, robots.length, selected)) return;
-    renew($("robots"), this.#buttons(robots.length, selected));
-  }
-
-  #buttons(number, selected) {
-    const { engine } = this;
-    const choices = number < 2 ? [] : Array.from({ length: number }, (_, i) => {
+    const buttons = (robots.length > 1 ? robots : []).map((_, i) => {
       const title = `Steer this robot (${i + 1})`;
       const choice = chip(`robot ${i + 1}`, title, () => engine.select(i), robotColor(i));
       choice.setAttribute("aria-pressed", i === selected);
       choice.dataset.key = i + 1;
       return choice;
     });
-    const add = (text, title, name) => choices.push(chip(text, title, () => engine.press(name)));
-    if (number < MOST) add("add a robot", "Compare it with another trade-off", "add");
-    if (number > 1) add("remove", "Remove the chosen robot", "remove");
+    const add = (text, title, name) => buttons.push(chip(text, title, () => engine.press(name)));
+    if (robots.length < MOST) add("add a robot", "Compare it with another trade-off", "add");
+    if (robots.length > 1) add("remove", "Remove the chosen robot", "remove");
     if (engine.can.ask) add("A or B?", "Find your trade-off by comparing robots", "find");
-    return choices;
+    renew($("robots"), buttons);
   }
 }
 

@@ -104,19 +104,13 @@ export class Panel {
         return { weights: robots[i].tradeoff, fill: mixed(robots[i].tradeoff), outline };
       });
       for (const plot of this.plots) plot.show(marks);
-      this.map?.limit(this.#standing());
-      this.map?.bound(choosing?.levels ?? {});
+      const levels = choosing?.levels ?? {};
+      const kept = Object.keys(levels).length ? keeping(engine.about, levels) : null;
+      this.map?.limit(asking ? asking.possible : kept);
+      this.map?.bound(levels);
       this.map?.pin(bookmarks);
       this.map?.trace(past, asked !== null);
     }
-  }
-
-  /** Return the indices of points that are still of interest; null: all. */
-  #standing() {
-    const { asking, choosing } = this.engine;
-    if (asking) return asking.possible;
-    const levels = choosing?.levels ?? {};
-    return Object.keys(levels).length ? keeping(this.engine.about, levels) : null;
   }
 
   #showWeights(settled) {

@@ -30,6 +30,7 @@ export class Robot {
     this.trail.frustumCulled = false;
     this.group.add(this.trail);
     this.ring = index === null ? null : ringOf(size, robotColor(index));
+    if (this.ring) this.group.add(this.ring);
   }
 
   /** Move the bodies `share` of the way from one pose to another, and those of a ghost if it is `shown`. */

@@ -76,11 +76,7 @@ export class Stage {
     this.floor = floorHeight(model);
     this.surroundings = new Surroundings(this.scene, this.size, this.floor, this.lanes, gap);
     this.surroundings.dress(this.theme);
-    for (const [i, { group, ring }] of this.robots.entries()) {
-      this.scene.add(group);
-      ring?.position.set(this.lanes[i], 0, this.floor + 0.004 * this.size);
-      if (ring) this.scene.add(ring);
-    }
+    this.scene.add(...this.robots.map(({ group }) => group));
     this.#label();
     this.past = []; // poses of all robots, the oldest first, and control steps until then
     this.clock = 0; // control steps since the robots are shown
@@ -148,6 +144,7 @@ export class Stage {
       robot.pose(former, latest, share, this.shown);
       const at = robot.bodies[this.engine.about.followed].position;
       robot.group.position.set(this.lanes[i] - at.x, -at.y, 0);
+      robot.ring?.position.set(at.x, at.y, this.floor + 0.004 * this.size);
       if (this.moment === null) this.#decorate(robot, i);
       return at;
     });
