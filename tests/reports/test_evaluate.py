@@ -206,7 +206,7 @@ def check_report(text: str) -> None:
     assert "evaluate a/hopper b/hopper --device cpu" in text
     for words in ("hypervolume", "obedience", "IGD+", "learning_rate", "Objectives: run, jump"):
         assert words in text
-    assert "prefers-color-scheme: dark" in text
+    assert "color-scheme: light dark" in text
     for words in ("random seed", "algorithm", "training time", "trained on", "trained with"):
         assert text.index(words) < text.index("<h2>Indicators")
 

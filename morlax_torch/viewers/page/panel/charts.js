@@ -14,6 +14,7 @@ export class Charts {
     Object.assign(this, { engine, stage, live });
     this.hovered = null; // s before the latest sample, which the pointer asks about
     this.#forget();
+    $("charts-section").ontoggle = () => this.#draw(); // also of a robot that is paused
   }
 
   show() {
