@@ -620,6 +620,8 @@ def test_a_required_level_is_a_line_that_can_be_dragged_and_its_search_canceled(
     slider.press("End")
     line = view.tab.locator("#front .threshold")
     view.until(lambda: line.count() == 1, "no line")
+    boxes = [view.tab.locator(f"#front {x}").bounding_box() for x in ("#thresholds text", ".plot")]
+    assert boxes[0]["x"] + boxes[0]["width"] <= boxes[1]["x"] + boxes[1]["width"]
     before = view.text("levels")
     assert "≥" in before and view.tab.locator("#maximize option").all_inner_texts() == [
         "energy saved",

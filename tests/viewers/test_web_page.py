@@ -60,6 +60,17 @@ HELD = """
     return get(address, ...rest);
   };
 """
+SHOW_AGAIN = """async () => {
+  const { Stage } = await import(new URL("stage/stage.js", location));
+  const { Recorded } = await import(new URL("engines/recorded.js", location));
+  const canvas = document.body.appendChild(document.createElement("canvas"));
+  const stage = new Stage(canvas, document.createElement("div"));
+  return Promise.all([1, 2, 3].map(async () => {
+    stage.show(await Recorded.load("runs/0"));
+    stage.draw(1);
+    return { ...stage.renderer.info.memory };
+  }));
+}"""
 KEPT = """Promise.all(
   [{ name: location.pathname }, ...performance.getEntriesByType("resource")]
     .map(({ name }) => caches.match(name)),
@@ -198,6 +209,8 @@ def test_a_recorded_robot_moves_before_the_physics_has_come(visit):
     assert page.is_visible("#panel") and page.is_hidden("#loading")
     come, due = re.findall(r"[\d.]+(?= of|  ?MB)", page.text_content("#progress"))
     assert come == due and not visit.complaints
+    first, *later = page.evaluate(SHOW_AGAIN)
+    assert later == [first] * 2  # on the graphics card
 
 
 def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
