@@ -231,12 +231,12 @@ class Learner(ABC):
         """Restore a state in place, so that recorded graphs stay valid."""
         for name, values in (self._state | self._process_state).items():
             for mine, stored in zip(values, state[name], strict=True):
-                mine.copy_(stored)
+                mine.copy_(stored.view_as(mine))  # never broadcast
         self.agent.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
         if self.env.resumable:
             self.env.load_state_dict(state["environment"])
-            self.observation.copy_(state["observation"])
+            self.observation.copy_(state["observation"].view_as(self.observation))
             self._episodes.running.copy_(state["episodes"])
         else:
             self._start_here()

@@ -155,6 +155,9 @@ class Run:
             self._acquire()
         try:
             contents = checkpoint.load(path)
+            mistake, remedy = "a resumed run keeps its config", "undo that, or start a new run"
+            stored = checkpoint.read_config(contents, path)
+            check_resumable(stored, learner.config, mistake, remedy)
             other_model = checkpoint.restore(contents, path, learner)
             if first:
                 self._clear_up(learner, contents)

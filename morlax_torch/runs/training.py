@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Self
 
-from torch import nn
+from torch import inference_mode, nn
 
 from ..algorithms.learner import Learner
 from ..algorithms.registry import make_learner
@@ -57,6 +57,7 @@ class Session:
     on_metrics: Callable[[dict[str, float], int], object] = lambda scalars, env_steps: None
 
     @classmethod
+    @inference_mode(False)
     def of(
         cls,
         config: Config,
@@ -84,6 +85,7 @@ class Session:
             start_from(config.start_from, learner)
         return cls(learner, evaluator, Run.create(learner, output))
 
+    @inference_mode(False)  # learns also inside a user's no_grad
     def training(
         self, began: float | None = None, *, stopped: Callable[[], bool] = lambda: False
     ) -> Generator[Evaluation, None, None]:

@@ -115,6 +115,12 @@ def test_resuming_continues_exactly(algorithm, changes):
         assert_same(ours[part], others[part])
 
 
+def test_a_state_of_one_world_is_not_copied_to_all():
+    one, several = (trained(tiny(worlds=n, **{"sampling.mode": "dense"}), 0) for n in (1, 8))
+    with pytest.raises(RuntimeError, match="invalid for input of size 13"):
+        several.load_state_dict(one.state_dict())
+
+
 @pytest.mark.parametrize(
     ("algorithm", "changes"),
     [

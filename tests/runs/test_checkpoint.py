@@ -104,6 +104,8 @@ def test_limits_and_evaluation_may_change_in_a_run_s_config(run):
     assert train(config, Run.open(run)).folder == run
     assert yaml.safe_load(file.read_text())["max_env_steps"] == 96
     assert torch.load(run / "checkpoints" / "latest.pt")["learner"]["iteration"] == 3
+    with pytest.raises(MorlaxError, match=r"keeps its config \(seed: 1 instead of 0\)"):
+        train(config.model_copy(update={"seed": 1}), Run.open(run))
 
 
 def test_a_run_may_have_unused_options_of_an_earlier_version(run):

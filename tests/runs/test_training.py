@@ -234,7 +234,8 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
     with pytest.raises(Pruned):
         train(config, output=tmp_path / "run", on_evaluation=prune)
     assert iterations(tmp_path / "run") >= 5  # training went on while the evaluation was written
-    resumed = train(config, Run.open(tmp_path / "run"))
+    with torch.inference_mode():  # where a user evaluates, too
+        resumed = train(config, Run.open(tmp_path / "run"))
     assert [row["env_steps"] for row in metrics(resumed)] == ["0", "160", "320"]
 
 
