@@ -82,7 +82,7 @@ class Evaluator:
         self.agent, self.env, self._group = agent, env, group
         self.protocol: Protocol = protocol
         self.tradeoffs = tradeoffs.to(env.device)
-        self._seed = EVALUATION_SEEDS + seed
+        self._seed = EVALUATION_SEEDS + int(seed)
         self._observation = env.reset().clone()
         self._alive = torch.ones(len(tradeoffs), dtype=torch.bool, device=env.device)
         self._knows_blowups = True
@@ -360,8 +360,8 @@ def evaluation_worlds(
     config: Config, tradeoffs: int, seeds: int, seed: int = 0, sets: int = 1, group: Group = ALONE
 ) -> Worlds:
     """Make this process's share of an evaluator's worlds, one per episode; see `make_evaluator`."""
-    if not 0 <= seed < 2**63:
-        raise MorlaxError(f"seed is {seed}: it must be from 0 to 2^63 - 1.")
+    if not 0 <= seed < 2**63 or seed % 1:
+        raise MorlaxError(f"seed is {seed}: it must be an integer from 0 to 2^63 - 1.")
     if seeds < 1:
         raise MorlaxError(f"seeds is {seeds}: at least one is needed.")
     try:
@@ -369,4 +369,4 @@ def evaluation_worlds(
     except ValueError as error:
         raise MorlaxError(f"{error}: leave out --seeds.") from None
     number = len(range(group.rank, tradeoffs * seeds * sets, group.size))
-    return config.make_worlds(number, EVALUATION_SEEDS + seed, evaluating=True)
+    return config.make_worlds(number, EVALUATION_SEEDS + int(seed), evaluating=True)

@@ -154,7 +154,7 @@ def test_a_random_run_reports_what_evaluate_finds_again(tmp_path):
     changes = {**NOISY, "task.randomization": randomization, "evaluation.seeds": 2}
     run = train(tiny(**changes), output=tmp_path / "run")
     np.testing.assert_allclose(load_front(run.folder).returns, returns(run.folder), rtol=1e-6)
-    other = evaluate(run.folder, device="cpu", seed=1)
+    other = evaluate(run.folder, device="cpu", seed=np.arange(2)[1])
     assert not np.isclose(other.returns, returns(run.folder)).any()
 
 
