@@ -1,6 +1,7 @@
 """Find runs; load, save, evaluate, pack and start from their policies; fronts and bookmarks."""
 
 import shlex
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from .progress import read_rows
 SHIPPED = Path(__file__).parent.parent / "shipped"
 FIRST_LAYER = "actor.features.0.weight"  # (hidden, m)
 CRITIC = ("critic.", "value_normalizer.")
+WRITING = 0.5  # s that training may take between two files
 BOOKMARKS = "bookmarks.yaml"  # which people can edit: "calm: [0.2, 0.8]"
 PLAIN: Any = {"default_flow_style": None, "sort_keys": False}  # a line for each bookmark
 
@@ -210,14 +212,14 @@ def load_front(run: AnyPath) -> Front:
     remedy = f"write it with morlax evaluate {shlex.quote(str(named))}"
     if not file.is_file():
         raise MorlaxError(f"{path} has no front beside it: {remedy}")
-    front, contents = Front.load(file), checkpoint.load(path)
-    protocol = contents.config.get("evaluation", {}).get("protocol")
-    policies = front.fingerprint, front.protocol
-    if policies != (checkpoint.fingerprint(contents.agent), protocol):
-        raise MorlaxError(
-            f"{file} is of other policies than {path}, or of another protocol: {remedy}"
-        )
-    return front._replace(checkpoint=path.name)
+    for seconds in (WRITING, 0.0):  # training replaces a checkpoint, and then its front
+        front, contents = Front.load(file), checkpoint.load(path)
+        protocol = contents.config.get("evaluation", {}).get("protocol")
+        policies = front.fingerprint, front.protocol
+        if policies == (checkpoint.fingerprint(contents.agent), protocol):
+            return front._replace(checkpoint=path.name)
+        time.sleep(seconds)
+    raise MorlaxError(f"{file} is of other policies than {path}, or of another protocol: {remedy}")
 
 
 def evaluate(

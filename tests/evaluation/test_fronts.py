@@ -70,9 +70,14 @@ def test_each_checkpoint_has_its_own_front(run):
     assert load_front(run).hypervolume > load_front(run / "checkpoints/latest.pt").hypervolume
 
 
-def test_a_front_of_other_policies_is_refused_with_the_command_that_writes_it(run):
-    """Such as after a kill between the two files."""
-    path = run / "checkpoints/best.pt"
+def test_a_front_of_other_policies_is_refused_with_the_command_that_writes_it(run, monkeypatch):
+    """Such as after a kill between the two files; training that writes them is waited for."""
+    path, before = run / "checkpoints/best.pt", load_front(run)
+    content = path.read_bytes()
+    shutil.copy(run / "checkpoints/latest.pt", path)
+    with monkeypatch.context() as training:
+        training.setattr("time.sleep", lambda _: path.write_bytes(content))
+        np.testing.assert_array_equal(load_front(run).returns, before.returns)
     shutil.copy(run / "checkpoints/latest.pt", path)
     with pytest.raises(MorlaxError, match=rf"front.npz is of other policies .*evaluate {run}$"):
         load_front(run)
