@@ -122,10 +122,7 @@ class Run:
         file, path = self.folder / "config.yaml", self.checkpoints / "latest.pt"
         trust_run(path, trust, env)
         stored, values = checkpoint.read_config(checkpoint.load(path), path), read_yaml(file)
-        for field in NAMES_CODE:
-            name = getattr(stored, field)
-            if movable(str(values.get(field))) == movable(name):
-                values[field] = name  # wherever it lies now
+        values = _moved(values, stored)
         if values.get("env") != stored.env:
             raise MorlaxError(f"{path} is of task {stored.env!r}, not {values.get('env')!r}.")
         try:
@@ -156,7 +153,7 @@ class Run:
         try:
             contents = checkpoint.load(path)
             mistake, remedy = "a resumed run keeps its config", "undo that, or start a new run"
-            stored = checkpoint.read_config(contents, path)
+            stored = load_config(_moved(contents.config, learner.config), STORED)
             check_resumable(stored, learner.config, mistake, remedy)
             other_model = checkpoint.restore(contents, path, learner)
             if first:
@@ -351,6 +348,13 @@ def is_training(folder: Path) -> bool:
     except OSError as error:  # or it is another user's run, which cannot be locked
         return isinstance(error, Timeout)
     return False
+
+
+def _moved(values: dict[str, Any], config: Config) -> dict[str, Any]:
+    """Return a config's values with the code that `config` names, wherever it lies now."""
+    names = {field: getattr(config, field) for field in NAMES_CODE}
+    same = {k: name for k, name in names.items() if movable(str(values.get(k))) == movable(name)}
+    return values | same
 
 
 def _save_front(front: Front, path: Path) -> None:

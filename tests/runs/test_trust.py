@@ -97,7 +97,10 @@ def test_a_utility_travels_with_its_run(tmp_path):
     config = run.config(trust=True)
     assert config.scalarization == load(run.folder).config.scalarization == f"{copy}:best"
     train(config.model_copy(update={"max_env_steps": 96}), run)
-    assert checkpoint.load(run.checkpoints / "latest.pt").progress.env_steps == 96
+    moved = copy.rename(tmp_path / "utility.py")
+    changes = {"max_env_steps": 128, "scalarization": f"{moved}:best"}
+    train(config.model_copy(update=changes), Run.open(run.folder))
+    assert checkpoint.load(run.checkpoints / "latest.pt").progress.env_steps == 128
 
 
 def test_every_field_that_can_name_a_file_needs_trust():
