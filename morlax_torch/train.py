@@ -35,7 +35,8 @@ def train(
 
     Args:
         config: every number of the run.
-        run: a run to resume, instead of a new one.
+        run: a run to resume, instead of a new one. Only limits, target, evaluation, device and
+            backend may differ from those of `run.config()`.
         output: folder of a new run (None: runs/<task>/<time>-<seed>).
         actor: replaces the config's actor, see `MORLAX`.
         critic: replaces the config's critic, see `MORLAX`.
