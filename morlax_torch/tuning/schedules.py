@@ -100,6 +100,7 @@ class Scheduler:
             self._open(FINALISTS, self._evaluator.env.num_worlds // FINALISTS, self._seed ^ 1)
             for name, each in best.items():
                 best[name] = self._ranked(self._simulate(each.weights[:FINALISTS]))
+            best["over time"] = self._ranked(Simulated.joined([*best.values()]))
         best = {name: each.rows(slice(1)) for name, each in best.items()}
         weights, (values,), _ = best["over time"]
         if not self.required.kept(values[None])[0]:

@@ -13,7 +13,7 @@ from morlax_torch import MorlaxError, Policy, envs, load, save
 from morlax_torch.commands import choose, record
 from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.evaluation.evaluator import Evaluator
-from morlax_torch.runs.loading import evaluate
+from morlax_torch.runs.loading import evaluate, load_front
 from morlax_torch.tuning import evolution, schedules
 from morlax_torch.viewers.filming.recording import Film
 from morlax_torch.viewers.player import Player
@@ -94,6 +94,18 @@ def test_a_window_lies_in_the_steps_that_discounted_returns_count(cheetah):
     policy.config = config.model_copy(update={"evaluation": discounted})
     with pytest.raises(MorlaxError, match="ends after 5 s"):
         schedules.Scheduler(policy, {"run @ 6-7": 1.0}, "energy", {})
+
+
+def test_no_other_finalist_of_a_random_task_is_better(monkeypatch):
+    small = {"POPULATION": 8, "FINALISTS": 2, "ROUNDS": {"constant": 2, "over time": 3}}
+    for name, value in small.items():
+        monkeypatch.setattr(schedules, name, value)
+    policy = load("cheetah", "cpu")
+    policy.config = policy.config.with_task(episode_length=30, reset_noise=1.0)
+    scheduler = schedules.Scheduler(policy, {}, "run @ 0-0.1", {}, seeds=2, seed=2)
+    _, best = scheduler.search(load_front("cheetah"))
+    values = {name: each.values[0, scheduler.required.maximized] for name, each in best.items()}
+    assert values["over time"] == max(values.values())
 
 
 def test_a_search_takes_any_seed_that_worlds_take():
