@@ -357,7 +357,7 @@ MISTAKES = {
     "three --tradeoffs 2 --protocol paper": "2 trade-offs are too few",
     "a/hopper --reference bad.npz": "bad.npz is damaged or not a front",
     "a/hopper --reference three/front.npz": "three/front.npz has the objectives run, jump, up by",
-    "a/hopper --seed -1": "seed is -1: it must be from 0",
+    "a/hopper --seed -1": "seed is -1: it must be an integer from 0",
 }
 
 
