@@ -268,9 +268,9 @@ class ParetoPPO(PPO):
             "optimizer_state_dict": expanded(family["optimizer"]),
         }
         try:
-            for name, own in self._kind().items():
-                if family[name] != own:
-                    raise RuntimeError(f"its {name} are {family[name]}, not {own}")
+            for name, value in self._kind().items():
+                if family[name] != value:
+                    raise RuntimeError(f"its {name} are {family[name]}, not {value}")
             self._rollouts = family["rollouts"]
             if load_cfg is None and self.front and family["front"]:
                 self.front.load_state_dict(family["front"])

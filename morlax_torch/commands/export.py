@@ -16,8 +16,9 @@ class Export(OfRun):
 
     The file includes observation normalization and the tanh on actions. Its metadata describe
     inputs and outputs: task, trade-off, order of observations and joints, control rate. The file is
-    read back and compared with the policy. If actions are positions of joints, in tasks of mjlab,
-    deploy.yaml and robot.zip are written beside it, for a controller and for morlax play.
+    read back and compared with the policy. For tasks of mjlab whose
+    actions are positions of joints, deploy.yaml and robot.zip are written beside it, for a
+    controller and for morlax play.
     """
 
     tradeoff: Annotated[str | None, arg(metavar="0.7,0.3")] = None

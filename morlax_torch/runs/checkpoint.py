@@ -18,7 +18,6 @@ from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
 from ..envs.errors import LONGEST, line, shortened, validated
-from ..envs.naming import movable
 from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import STORED, check_objectives
 from ..host.files import AnyPath, read, write_file
@@ -189,11 +188,8 @@ def fingerprint(agent: Mapping[str, Tensor]) -> str:
 
 def restore(contents: Contents, path: Path, learner: Learner) -> bool:
     """Load a checkpoint's contents into `learner`; returns whether the robot's model changed."""
-    config, task = learner.config, contents.config["env"]
     if contents.learner is None:
         raise MorlaxError(f"{path} holds only policies, so training cannot continue from it.")
-    if movable(task) != movable(config.env):
-        raise MorlaxError(f"{path} is of task {task!r}, not {config.env!r}.")
     for name, value in Task.of(learner.env):
         stored = getattr(contents.environment, name)
         if name != "model_fingerprint" and stored != value:

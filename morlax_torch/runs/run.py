@@ -353,8 +353,11 @@ def is_training(folder: Path) -> bool:
 def _moved(values: dict[str, Any], config: Config) -> dict[str, Any]:
     """Return a config's values with the code that `config` names, wherever it lies now."""
     names = {field: getattr(config, field) for field in NAMES_CODE}
-    same = {k: name for k, name in names.items() if movable(str(values.get(k))) == movable(name)}
-    return values | same
+    return values | {
+        field: name
+        for field, name in names.items()
+        if movable(str(values.get(field))) == movable(name)
+    }
 
 
 def _save_front(front: Front, path: Path) -> None:

@@ -218,7 +218,7 @@ def test_loading_a_checkpoint_runs_no_pickled_code(tmp_path):
 
 
 MISMATCHES = {
-    "task 'hopper', not 'walker'": {"env": "walker"},
+    r"has objectives \('run', 'jump'\), but the task has": {"env": "walker"},
     "does not fit this learner: state": {"worlds": 32},
     "fit this learner: .* instead of": {"network.actor": (7,)},
 }

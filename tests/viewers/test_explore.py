@@ -194,7 +194,7 @@ def test_a_browser_steers_the_robot(visit):
     view.until(lambda: middle(mark) == pytest.approx(middle(corner), abs=1), "no mark")
 
     # drag the point of the triangle, also beyond an edge
-    triangle = view.tab.locator("#triangle polygon.edge")
+    triangle = view.tab.locator("#edge")
     triangle.scroll_into_view_if_needed()
     box = triangle.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"]

@@ -60,7 +60,7 @@ def _from_csv(path: Path, model: mujoco.MjModel) -> np.ndarray:
         )
     if not rows.size:
         return rows
-    x, y, z, _ = rows[:, 3:7].T
+    x, y, z, _ = rows[:, 3:7].T  # the vertical part of the robot's up axis, in either order:
     if (1 - 2 * (x**2 + y**2)).mean() < 0 < (1 - 2 * (y**2 + z**2)).mean():
         warn_user(f"{path} shows a robot upside down: is its quaternion w x y z, not x y z w?")
     return rows[:, [0, 1, 2, 6, 3, 4, 5, *range(7, model.nq)]]

@@ -68,7 +68,7 @@ class MjlabRobot(MjlabWorlds, Robot):
         state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
         self.physics = SimpleNamespace(model=model, **state)
         self.motion: Any = None  # mjlab's term of the command, if a motion is followed
-        self.command_limits, self._steered = {}, ""
+        self.command_limits, self._velocity = {}, ""  # name of the command of a velocity
         for name, term in self.env.cfg.commands.items():
             ranges = vars(term.ranges) if hasattr(term, "ranges") else {}
             limits = {key: value for key, value in ranges.items() if key != "heading"}
@@ -77,9 +77,9 @@ class MjlabRobot(MjlabWorlds, Robot):
                 self.motion = self.env.command_manager.get_term(name)
                 self.episode_length = self.motion.motion.time_step_total - 1
                 self.env.cfg.episode_length_s = (self.episode_length - 0.5) * self.env.step_dt
-            # the velocity, if there are several commands
-            if len(limits) == command.shape[1] and tuple(self.command_limits) != AXES:
-                self.command_limits, self.command, self._steered = limits, command, name
+            if len(limits) == command.shape[1] and not self._velocity:
+                self.command_limits, self.command = limits, command
+                self._velocity = name if tuple(limits) == AXES else ""
 
     def config(self, seed: int) -> Any:
         cfg = super().config(seed)
@@ -202,8 +202,7 @@ class MjlabRobot(MjlabWorlds, Robot):
             command = cfg.params["command_name"]
             if self.motion is self.env.command_manager.get_term(command):
                 return "motion_command"
-            steered = command == self._steered and tuple(self.command_limits) == AXES
-            return NAMES[function] if steered else name
+            return NAMES[function] if command == self._velocity else name
         return name if function == "builtin_sensor" else NAMES.get(function, function)
 
     def _observation(self, part: Part) -> dict[str, Any]:

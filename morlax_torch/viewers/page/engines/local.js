@@ -146,10 +146,13 @@ export class Local {
     const all = valuesOf(this.about);
     const { values } = all.find(({ index }) => index === maximized);
     const best = kept.reduce((a, b) => (values[b] > values[a] ? b : a));
-    const returns = Object.fromEntries(all.map(({ key, values }) => [key, values[best]])); // and quantities
+    const reached = (isPhysical) => {
+      const those = all.filter(({ physical }) => physical === isPhysical);
+      return Object.fromEntries(those.map(({ key, values }) => [key, values[best]]));
+    };
     const [tradeoff, falls] = [front.tradeoffs[best], front.falls[best]];
     const cost = Math.max(...values) - values[best];
-    this.choosing.found = { tradeoff, returns, cost, falls, simulated: 0 };
+    this.choosing.found = { tradeoff, returns: reached(false), quantities: reached(true), cost, falls, simulated: 0 };
     this.steer(tradeoff);
   }
 }

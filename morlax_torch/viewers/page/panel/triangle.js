@@ -3,7 +3,7 @@
 import { $, onDrag, svg } from "../pictures.js";
 import { colorOf, summary } from "../tradeoffs.js";
 
-const CORNERS = [[160, 22], [51, 211], [269, 211]]; // as index.html draws them
+const CORNERS = [[160, 22], [51, 211], [269, 211]]; // all sides equally long
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const STEP = 8; // of an arrow key
 
@@ -14,7 +14,8 @@ export class Triangle {
     this.element = $("triangle").firstElementChild;
     this.element.ariaLabel = `Trade-off of ${names.join(", ")}: click to choose, or use the arrow keys`;
     this.element.querySelectorAll(".corner").forEach((text, i) => (text.textContent = names[i]));
-    [...$("shades").children].forEach((shade, i) => shade.style.setProperty("--color", colorOf(i)));
+    $("shades").replaceChildren(...CORNERS.flatMap(shade));
+    $("edge").setAttribute("points", CORNERS.join(" "));
     onDrag(this.element, (place) => this.#choose(place));
     this.element.onkeydown = (event) => {
       const [x, y] = WAYS[event.key] ?? [];
@@ -53,4 +54,19 @@ function weightsAt([x, y]) {
   const a = ((by - cy) * (x - cx) + (cx - bx) * (y - cy)) / area;
   const b = ((cy - ay) * (x - cx) + (ax - cx) * (y - cy)) / area;
   return [a, b, 1 - a - b];
+}
+
+/** Fill the triangle with an objective's color, as strong as its weight; the colors of all add up. */
+function shade([x1, y1], corner) {
+  const others = CORNERS.toSpliced(corner, 1);
+  const [x2, y2] = [0, 1].map((axis) => (others[0][axis] + others[1][axis]) / 2);
+  const ends = [1, 0].map((opacity) => {
+    return svg("stop", { offset: 1 - opacity, "stop-color": colorOf(corner), "stop-opacity": opacity });
+  });
+  const id = `shade-${corner}`;
+  const style = "mix-blend-mode: plus-lighter";
+  return [
+    svg("linearGradient", { id, gradientUnits: "userSpaceOnUse", x1, y1, x2, y2 }, ...ends),
+    svg("polygon", { points: CORNERS.join(" "), fill: `url(#${id})`, style }),
+  ];
 }
