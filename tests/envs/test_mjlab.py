@@ -45,6 +45,21 @@ def noise(env: envs.Worlds) -> torch.Tensor:
     return 2 * torch.rand(env.num_worlds, env.action_size) - 1
 
 
+@pytest.fixture(autouse=True)
+def narrow_ground(monkeypatch) -> None:
+    """Five columns of uneven ground instead of twenty, which take many seconds to build."""
+    registry = import_module("mjlab.tasks.registry")
+    usual = registry.load_env_cfg
+
+    def narrow(task: str, play: bool = False) -> Any:
+        cfg = usual(task, play)
+        if ground := cfg.scene.terrain and cfg.scene.terrain.terrain_generator:
+            ground.num_cols = 5
+        return cfg
+
+    monkeypatch.setattr(registry, "load_env_cfg", narrow)
+
+
 @pytest.fixture(scope="module")
 def go1() -> envs.Worlds:
     """Go1s with mjlab's own rewards, and episodes so short that they end at different times."""
