@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from functools import partial
+from queue import Queue
 from typing import Annotated
 
 from .terminal import cli
@@ -49,7 +49,9 @@ def command(arguments: Sequence[str]) -> None:
         os.nice(NICE)
     with one_thread(torch.device("cpu")), interruptible() as ended:
         with cli.Live():
-            page = Page(partial(RunExhibit, choice, tradeoff=tradeoff), options.host, options.port)
+            # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
+            queue = Queue()
+            page = Page(RunExhibit(choice, queue.put, tradeoff), queue, options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(lambda: ended() or (trainer > 0 and not runs(trainer)))
         page.stop()

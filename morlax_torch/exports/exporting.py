@@ -152,19 +152,16 @@ def actuators(env: Robot) -> list[dict[str, Any]]:
         return [{"name": name, "joint": name, **rest} for name in targets]
     if env.action_size != model.nu:  # as BRUCE's, where an actuator has no action of its own
         return []
-    rows = []
-    for index in range(model.nu):
-        actuator = model.actuator(index)
-        of_joint = actuator.trntype[0] == mujoco.mjtTrn.mjTRN_JOINT
-        rows.append(
-            {
-                "name": actuator.name,
-                "joint": model.joint(actuator.trnid[0]).name if of_joint else None,
-                "gear": float(actuator.gear[0]),
-                "control_range": actuator.ctrlrange.tolist() if actuator.ctrllimited[0] else None,
-            }
-        )
-    return rows
+    joint = mujoco.mjtTrn.mjTRN_JOINT
+    return [
+        {
+            "name": motor.name,
+            "joint": model.joint(motor.trnid[0]).name if motor.trntype[0] == joint else None,
+            "gear": float(motor.gear[0]),
+            "control_range": motor.ctrlrange.tolist() if motor.ctrllimited[0] else None,
+        }
+        for motor in map(model.actuator, range(model.nu))
+    ]
 
 
 def control(env: Robot) -> dict[str, list[float]] | None:

@@ -33,9 +33,6 @@ class Evaluated(NamedTuple):
     machines: Sequence[Machine] = ()  # that trained it, in order; empty: unknown
 
 
-Quartiles = tuple[float, ...]  # lower, median and upper, of an indicator over runs
-
-
 def names(runs: Sequence[AnyPath]) -> list[str]:
     """Return a short name for each run: the shortest end of its path that is unique.
 
@@ -102,8 +99,8 @@ def measures(front: Front, reference_front: np.ndarray | None) -> dict[str, floa
     return values
 
 
-def quartiles(measured: Sequence[Mapping[str, float]]) -> dict[str, Quartiles]:
-    """Return the quartiles of all runs' measures, interpolated linearly between runs."""
+def quartiles(measured: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, ...]]:
+    """Return the quartiles of all runs' measures by name, interpolated linearly between runs."""
     return {
         name: tuple(np.quantile([m[name] for m in measured], (0.25, 0.5, 0.75)).tolist())
         for name in measured[0]

@@ -21,19 +21,13 @@ from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map, moment_map
 from morlax_torch.viewers.explorer import exhibits, library
 from morlax_torch.viewers.explorer.exhibits import RunExhibit, Thresholds
-from morlax_torch.viewers.explorer.session import (
-    PUSH,
-    WEIGHT,
-    Session,
-    contact_arrows,
-    frame_bytes,
-)
-from morlax_torch.viewers.player import Player
+from morlax_torch.viewers.explorer.session import Session, contact_arrows, frame_bytes, policies_of
+from morlax_torch.viewers.player import PUSH, Player
 
 
 @pytest.fixture
-def session(tmp_path, make_run) -> Session:
-    return Session.open(library.choose(str(make_run(tmp_path / "run", "hopper", "best"))))
+def session(make_policy) -> Session:
+    return Session(make_policy("hopper"), None)
 
 
 def play(session: Session, seconds: float, pace: float = 1.0) -> int:
@@ -76,9 +70,9 @@ def test_a_finished_episode_is_reported_and_a_new_one_starts(session):
     assert session.last_episode["fell"] == fell
 
 
-def test_a_command_survives_resets_and_stays_within_its_limits(session, tmp_path, make_run):
+def test_a_command_survives_resets_and_stays_within_its_limits(session, make_policy):
     assert not described_task(session.player.env)["velocities"]
-    bruce = Session.open(library.choose(str(make_run(tmp_path / "bruce", "bruce", "best"))))
+    bruce = Session(make_policy("bruce"), None)
     bruce.step()
     assert bruce.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
     bruce.tell(1, 0.05)
@@ -133,7 +127,7 @@ def test_any_checkpoint_of_a_run_can_be_chosen(workplace, make_run):
 def test_a_front_with_other_objectives_is_not_shown(tmp_path, make_run, make_front):
     folder = make_run(tmp_path / "run", "hopper", "best")
     make_front(("run", "energy")).save(folder / "front.npz")
-    assert Session.open(library.choose(str(folder))).front is None
+    assert policies_of(library.choose(str(folder)))[1] is None
 
 
 def press(exhibit: RunExhibit, name: str) -> None:
@@ -373,7 +367,7 @@ def test_arrows_of_contacts_carry_the_weight():
         mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
     arrows = contact_arrows(model, data)
-    expected = [0, 0, WEIGHT * model.stat.extent]
+    expected = [0, 0, 0.5 * model.stat.extent]  # half its size for its weight
     assert (arrows[:, 1] - arrows[:, 0]).sum(0) == pytest.approx(expected, abs=0.01)
     data.qpos[2] -= 0.09  # an impact
     mujoco.mj_forward(model, data)

@@ -157,7 +157,7 @@ class RunExhibit:
         self._put, self._scanned, self._looked = put, -SCAN, -LOOK
         self._labels: dict[str, str] = {}  # of runs to choose from
         self._measuring = self._reading = False
-        self._open(choice, Session.open(choice))
+        self._open(choice, Session(*policies_of(choice)))
         if isinstance(tradeoff, Schedule):
             self._steered.schedule, self._steered.follows = tradeoff, True
         elif tradeoff:
@@ -225,7 +225,7 @@ class RunExhibit:
                 self._selected = robot
             case {"act": "open", "run": run, "checkpoint": checkpoint} if run in self._runs():
                 choice = library.choose(run, checkpoint)
-                session = Session.open(choice)
+                session = Session(*policies_of(choice))
                 if session.objectives == steered.objectives:
                     session.tradeoff, session.schedule = steered.tradeoff, steered.schedule
                     session.follows = steered.follows

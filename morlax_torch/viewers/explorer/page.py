@@ -16,7 +16,7 @@ from ...envs.errors import MorlaxError, words
 from .. import libraries
 from .exhibits import Request, RunExhibit
 from .server import Server, ServerConnection
-from .session import MAX_LAG, Put, frame_bytes, model_bytes
+from .session import MAX_LAG, frame_bytes, model_bytes
 
 FRAME = 1 / 40  # s between frames
 TELL = 1 / 10  # s between messages about anything but poses
@@ -62,18 +62,13 @@ class Page:
     so that nothing interrupts a step. A step that fails also pauses the robots, and browsers that
     connect later are told why. `address`, which a browser must open, contains a secret token.
 
-    `make` makes the exhibit, given a way to queue calls. The port may be the next free one.
-
-    Raises:
-        MorlaxError: `make` failed, three.js cannot be downloaded, or the address cannot be
-            listened on.
+    `queue` is that of the exhibit's calls. The port may be the next free one. Raises MorlaxError if
+    three.js cannot be downloaded or the address cannot be listened on.
     """
 
-    def __init__(self, make: Callable[[Put], RunExhibit], host: str, port: int):
-        # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
-        self._queue: Queue[Callable[[], None]] = Queue()
+    def __init__(self, exhibit: RunExhibit, queue: Queue, host: str, port: int):
+        self._exhibit, self._queue = exhibit, queue
         self._opening: Request = {}  # the latest request to open a run
-        self._exhibit = make(self._queue.put)
         self._paused, self._pace = False, 1.0
         self._failure: str | None = None  # why the robots paused by themselves
         self._robot: object = None  # that browsers know

@@ -50,10 +50,6 @@ class Session:
         self.opened = policy
         self._directions = np.random.default_rng(0)
 
-    @classmethod
-    def open(cls, choice: Choice) -> Self:
-        return cls(*policies_of(choice))
-
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off and command."""
         twin = type(self)(self.player.policy, self.front)

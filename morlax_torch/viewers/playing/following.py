@@ -21,9 +21,8 @@ class Follower(Robot):
 
     def __init__(self, deployment: Export, *others: Any):
         assert deployment.motion is not None
-        settings, self.motion = deployment.settings, deployment.motion
-        self._driven, names = settings.driven, settings.key_bodies
-        self._anchor = names.index(settings.anchor_body)
+        names, self.motion = deployment.settings.key_bodies, deployment.motion
+        self._anchor = names.index(deployment.settings.anchor_body)
         self._bodies = [mujoco.mj_name2id(deployment.model, BODY, name) for name in names]
         if -1 in self._bodies:
             raise MorlaxError("key_bodies names a body that the model does not have.")

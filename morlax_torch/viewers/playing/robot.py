@@ -229,7 +229,7 @@ class Robot:
         seed: int | np.random.SeedSequence = 0,
     ):
         settings = deployment.settings
-        driven = settings.driven
+        self._driven = driven = settings.driven
         self.model = model = copy(deployment.model)
         mujoco.set_mju_user_warning(lambda message: None)  # see `broken`; no MUJOCO_LOG.TXT
         self.data, self.dt = mujoco.MjData(model), settings.step_dt
@@ -262,7 +262,6 @@ class Robot:
         model.actuator_gainprm[self._motors, 0] = stiffness
         model.actuator_biasprm[self._motors, 1] = -stiffness
         model.actuator_biasprm[self._motors, 2] = -damping
-        self._start = self._rest[0][driven]
         self.reset()
         for name, term in self._terms:
             size = len(self._read(name, term.params))
@@ -274,7 +273,7 @@ class Robot:
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)  # if there is one
         self.data.qpos[self._height] += RISE
         self.data.qpos[self._qpos], self.data.qvel[self._qvel] = self._rest
-        self.data.ctrl[self._motors] = self._start
+        self.data.ctrl[self._motors] = self._rest[0][self._driven]
         self.data.time = 0.0
         self.action = np.zeros(len(self._motors))
         self.command = np.zeros(3)

@@ -58,7 +58,7 @@ class Walker(Robot):
         settings, model = deployment.settings, copy(deployment.model)
         model.opt.timestep, model.geom_friction[:, 0] = TIMESTEP, FRICTION
         super().__init__(deployment._replace(model=model))
-        model, self._driven = self.model, settings.driven
+        model = self.model
         prefix = settings.joints[0].rpartition("/")[0] + "/"
         names = [name.removeprefix(prefix) for name in settings.joints]
         self._arms = [names.index(name) for name in rules.ARMS if name in names]

@@ -235,7 +235,7 @@ class OnnxGraph(NamedTuple):
     """An ONNX model, and the order of its inputs and outputs."""
 
     onnx: bytes
-    inputs: dict[str, Tensor]  # by name, with example values
+    inputs: dict[str, dict[str, Any]]  # shape and type by name
     outputs: tuple[str, ...]
     draws: dict[str, dict[str, Any]]  # kind and parameters of the inputs that are random
 
@@ -323,7 +323,8 @@ def _graph(recorder: Recorder) -> OnnxGraph:
         del node.metadata_props[:]  # where in Python each operation comes from
         node.doc_string = ""
     del model.graph.value_info[:]
-    return OnnxGraph(model.SerializeToString(), inputs, outputs, dict(recorder.draws))
+    about = {name: {"shape": list(x.shape), "type": str(x.dtype)[6:]} for name, x in inputs.items()}
+    return OnnxGraph(model.SerializeToString(), about, outputs, recorder.draws)
 
 
 def _check(env: Environment, traced: Traced) -> None:

@@ -231,7 +231,6 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
         **task,
         "substeps": env.substeps,
         "observation_size": env.observation_size,
-        "action_size": env.action_size,
         "terms": list(traced.terms),
         "physics": ARRAYS,
         "fields": model.fields,
@@ -250,14 +249,7 @@ def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, An
 
 
 def _graph(graph: OnnxGraph) -> dict[str, Any]:
-    return {
-        "inputs": {
-            name: {"shape": list(values.shape), "type": str(values.dtype)[6:]}
-            for name, values in graph.inputs.items()
-        },
-        "outputs": list(graph.outputs),
-        "draws": graph.draws,
-    }
+    return {"inputs": graph.inputs, "outputs": graph.outputs, "draws": graph.draws}
 
 
 def _numbers(values: Tensor) -> list[float]:
