@@ -60,7 +60,6 @@ class Play(Section):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Play, arguments)
     from ..viewers.playing.episodes import HELP, SLIDING, film, has_display, run, show
-    from ..viewers.playing.following import duration
     from ..viewers.playing.robot import Disturbances, open_export
 
     seconds, seed = options.seconds, options.seed
@@ -80,7 +79,7 @@ def command(arguments: Sequence[str]) -> None:
         return
     follows = deployment.motion is not None
     if options.episodes is not None:
-        length = duration(deployment, 30.0) if seconds is None else seconds
+        length = (deployment.duration or 30.0) if seconds is None else seconds
         with cli.Live():
             episodes = run(deployment, strengths, options.episodes, length, seed)
         cli.console.print(_table(episodes, follows))
@@ -90,7 +89,7 @@ def command(arguments: Sequence[str]) -> None:
         falls = show(deployment, strengths, seconds, options.gamepad, seed)
     else:
         file = options.output or Path("film.mp4")
-        length = duration(deployment, 5.0) if seconds is None else seconds
+        length = (deployment.duration or 5.0) if seconds is None else seconds
         with cli.Live():
             falls = film(deployment, strengths, file, length, seed)
         cli.console.print(f"written: {file}")

@@ -54,10 +54,7 @@ def names(runs: Sequence[AnyPath]) -> list[str]:
 
 
 def check_comparable(policies: Mapping[str, Policy], protocol: Protocol | None = None) -> Protocol:
-    """Return the protocol by which the returns of policies, given by name, can be compared.
-
-    None: that of their training. Raises MorlaxError if they cannot be compared.
-    """
+    """Return the protocol to compare returns by (None: that of training), or raise MorlaxError."""
     (first, one), *others = policies.items()
     for name, other in others:
         theirs = _options(other, protocol)

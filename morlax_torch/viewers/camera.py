@@ -95,10 +95,7 @@ def cameras_for(
 
 
 def direction(model: mujoco.MjModel) -> tuple[float, float]:
-    """Return the direction of view, azimuth and elevation in degrees.
-
-    The direction of the model's camera `track`, a side view of a planar robot, or from ahead.
-    """
+    """Return azimuth and elevation in degrees: the camera `track`, a side view, or from ahead."""
     data = forwarded(model)
     camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
     if camera >= 0:
@@ -106,7 +103,7 @@ def direction(model: mujoco.MjModel) -> tuple[float, float]:
         return math.degrees(math.atan2(y, x)), math.degrees(math.asin(np.clip(z, -1, 1)))
     hinge = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
     slide = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
-    for normal, azimuth in ((1, 90.0), (0, 180.0)):
+    for normal, azimuth in ((1, 90.0), (0, 180.0)):  # of a planar robot
         along = np.abs(data.xaxis[:, normal])
         if model.njnt and ((hinge & (along > 0.99)) | (slide & (along < 0.01))).all():
             return azimuth, -8.0

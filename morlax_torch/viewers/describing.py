@@ -96,10 +96,7 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
 
 @lru_cache(1000)
 def moment_map(file: Path, *numbers: float) -> dict[str, Any]:
-    """Describe one of `kept_fronts`: its numbers, and a few of its non-dominated policies.
-
-    `values` are returns, then quantities; None where they are not finite, which JSON lacks.
-    """
+    """Describe one of `kept_fronts`: its numbers, and a few of its non-dominated policies."""
     front = Front.load(file)
     best = np.flatnonzero(front.non_dominated)
     shown = best[:: -(-len(best) // MOST_DRAWN)]
@@ -108,6 +105,7 @@ def moment_map(file: Path, *numbers: float) -> dict[str, Any]:
         "numbers": numbers,
         "fingerprint": front.fingerprint,
         "tradeoffs": front.tradeoffs[shown].round(3).tolist(),
+        # returns, then quantities, which need not be finite: JSON lacks such numbers
         "values": [[x if math.isfinite(x) else None for x in row] for row in values],
     }
 

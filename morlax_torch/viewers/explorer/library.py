@@ -29,10 +29,7 @@ BODY = "body.pt"  # policies of a body that is not the checkpoint's
 
 
 def labels() -> dict[str, str]:
-    """Return labels by name: shipped policies, then runs, newest first.
-
-    Some end with why a run cannot be shown.
-    """
+    """Return labels by name: of shipped policies, then of runs, newest first."""
     shipped = sorted(folder.parent for folder in loading.SHIPPED.glob("*/checkpoints"))
     folders = {folder.name: folder for folder in shipped}
     folders |= {str(run): run for run in newest_runs(RUNS)}
@@ -40,6 +37,7 @@ def labels() -> dict[str, str]:
 
 
 def _reason(run: Path) -> str:
+    """Return why a run cannot be shown, if so."""
     task = task_of(run)
     if task.startswith(GYMNASIUM):
         return " (no MuJoCo robot)"
@@ -74,15 +72,12 @@ class Choice(NamedTuple):
         return loading.own_folder(self.file) or Path()
 
     def export(self, tradeoff: Sequence[float], body: Policy | None = None) -> list[Path]:
-        """Write a trade-off's policy as ONNX, of another `body` if any; return the files.
-
-        Another process does it, because torch.export replaces functions that the robots' networks
-        run through.
-        """
+        """Write a trade-off's policy as ONNX, of another `body` if any; return the files."""
         run = self.argument
         if body is not None:
             run = str(self.folder / BODY)
             loading.save(body, run)
+        # another process, because torch.export replaces functions that the robots' networks run
         ignore = signal.signal, (signal.SIGINT, signal.SIG_IGN)
         with ProcessPoolExecutor(1, get_context("spawn"), *ignore) as pool:
             arguments = named_task(self.folder), run, self.folder / POLICY, tradeoff
@@ -134,10 +129,7 @@ def _export(task: str | None, run: str, output: Path, tradeoff: Sequence[float])
 def decision_card(
     run: str, policy: Policy, choice: Chosen, commands: Sequence[str], seed: int = 0
 ) -> str:
-    """Simulate a choice under other conditions, and describe it; returns HTML.
-
-    `commands` are command lines that use it. The policy ends on the CPU.
-    """
+    """Return a decision card as HTML: a choice, also simulated under other conditions."""
     from ...reports.page import card  # takes a while to import
     from ...runs.choosing import trials
     from ..filming.recording import strip
@@ -149,5 +141,5 @@ def decision_card(
         "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
         "morlax-torch": __version__,
     }
-    picture = strip(policy.cpu(), choice.tradeoff)
+    picture = strip(policy.cpu(), choice.tradeoff)  # it stays there
     return card(title(env), choice, tried, facts, commands, picture, get(env).titles)

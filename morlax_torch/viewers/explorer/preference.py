@@ -111,10 +111,7 @@ class Preference:
 
 
 class Comparison:
-    """Shows two policies of a front with two robots; the next two follow each answer.
-
-    Raises MorlaxError if there are no two policies to compare.
-    """
+    """Shows two policies of a front with two robots; the next two follow each answer."""
 
     def __init__(self, front: Front, robots: tuple[Session, Session], seed: int = 0):
         self.robots = robots

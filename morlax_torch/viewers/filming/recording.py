@@ -378,13 +378,11 @@ def write_video(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> 
 
 def _steady(frames: Iterator[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
     """Let pixels keep their color until it changes visibly."""
-    shown = None
+    yield (shown := next(frames))
     for frame in frames:
-        if shown is not None:
-            change = np.abs(frame.astype(np.int16) - shown).max(-1, keepdims=True)
-            frame = np.where(change <= UNSEEN, shown, frame)
-        shown = frame
-        yield frame
+        change = np.abs(frame.astype(np.int16) - shown).max(-1, keepdims=True)
+        shown = np.where(change <= UNSEEN, shown, frame)
+        yield shown
 
 
 def find_ffmpeg() -> str:

@@ -77,10 +77,7 @@ class Policy:
             self.tradeoff = self.target
 
     def act(self, observation: Array, seconds: float = 0.0) -> Array:
-        """Return the action (A,) for an observation (O,), one control step later in the slide.
-
-        `seconds` are those since a motion began.
-        """
+        """Slide by a control step; return the action (A,), `seconds` after a motion began."""
         if schedule := self.schedule:
             self.choose(schedule.at(seconds), at_once=seconds == 0)
         way = self.target - self.tradeoff
@@ -101,10 +98,7 @@ class Policy:
 
 
 def wishes(deployment: Export, policy: Policy, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield a random command (3,) per control step, and tell the policy random trade-offs.
-
-    Each holds for some seconds.
-    """
+    """Yield a random command (3,) per control step, and tell the policy random trade-offs."""
     low, high = np.array(deployment.settings.limits).T
     next_command = next_tradeoff = 0.0  # s
     command = np.zeros(3)

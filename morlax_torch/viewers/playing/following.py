@@ -74,10 +74,7 @@ class Follower(Robot):
         return self.data.xpos[body], self.data.xmat[body].reshape(3, 3), aim, aimed
 
     def _aims(self) -> Array:
-        """Return positions (K, 3) of key bodies in the frame, moved to the robot.
-
-        The anchor body has the robot's place on the ground and its heading.
-        """
+        """Return positions (K, 3) of key bodies in the frame, moved and turned to the robot."""
         position, turn, aim, aimed = self._anchors()
         (x, *_), (y, *_), _ = turn @ aimed.T
         cos, sin = np.array([x, y]) / math.hypot(x, y)
@@ -101,10 +98,3 @@ class Follower(Robot):
 def robot_for(deployment: Export, *others: Any) -> Robot:
     """Return a `Follower` if the export has a motion, else a `Robot`, which takes `others`."""
     return (Robot if deployment.motion is None else Follower)(deployment, *others)
-
-
-def duration(deployment: Export, default: float) -> float:
-    """Return the seconds of the motion; the default without one."""
-    if deployment.motion is None:
-        return default
-    return len(deployment.motion.joint_pos) * deployment.settings.step_dt

@@ -134,6 +134,11 @@ class Export(NamedTuple):
     motion: Motion | None = None
     tradeoff: Schedule | None = None  # that the user gives; None: random, or steered
 
+    @property
+    def duration(self) -> float | None:
+        """The seconds of the motion, if there is one."""
+        return self.motion and len(self.motion.joint_pos) * self.settings.step_dt
+
 
 def open_export(path: Path, tradeoff: str | None = None) -> Export:
     """Open an export by its folder or the file of its policy, with a trade-off or its FILE.yaml."""
@@ -243,7 +248,7 @@ class Robot:
         self._terms = list(settings.observations.items())
         self._noise = np.array(settings.observation_noise) * self._disturbances.noise
         free = model.body_jntadr[self.base]
-        joints = [mujoco.mj_name2id(model, JOINT, name) for name in settings.joints]
+        self._joints = joints = [mujoco.mj_name2id(model, JOINT, name) for name in settings.joints]
         for name, joint in zip(settings.joints, joints, strict=True):
             if joint < 0 or model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
                 raise MorlaxError(f"the model has no joint {name} on a base that moves freely.")

@@ -67,7 +67,6 @@ class Walker(Robot):
                 "a tour is for policies that own the legs and the waist of a G1, and not its arms: "
                 f"train mjlab:{rules.TASK}."
             )
-        self._joints = [model.joint(name).id for name in settings.joints]
         moved = model.actuator_trnid[:, 0].tolist()
         self._servos = [moved.index(joint) for joint in self._joints]
         for side in ("left", "right"):

@@ -206,10 +206,7 @@ class Recorder(TorchDispatchMode):
 
 
 class PagePhysics(MujocoPhysics):
-    """One world whose tensors are float32, as in training, while MuJoCo computes in float64.
-
-    Browsers run every operation in float32, but not all of them in float64.
-    """
+    """One world whose tensors are float32, for browsers; MuJoCo itself computes in float64."""
 
     def __init__(self, model: mujoco.MjModel, substeps: int):
         super().__init__(model, 1, substeps)
@@ -328,10 +325,7 @@ def _graph(recorder: Recorder) -> OnnxGraph:
 
 
 def _check(env: Environment, traced: Traced) -> None:
-    """Compare the graphs with `env.step` for some episodes of random actions.
-
-    Both start each step from the task's state and get its draws. Raises MorlaxError if they differ.
-    """
+    """Compare the graphs with `env.step`, from the same states, actions and draws."""
     start = partial(onnxruntime().InferenceSession, providers=["CPUExecutionProvider"])
     sessions = {id(graph): start(graph.onnx) for graph in (traced.before, traced.after)}
     values: dict[str, np.ndarray] = {}  # of all inputs and outputs of the graphs, by name
