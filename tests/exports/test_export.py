@@ -145,12 +145,8 @@ def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(action.pow(3)))
     assert control(env) is None
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(0.5 - 2 * action))
-    assert control(env) == {
-        "scale": [-2.0] * 4,
-        "offset": [0.5] * 4,
-        "low": [-1.5] * 4,
-        "high": [2.5] * 4,
-    }
+    expected = {"scale": -2.0, "offset": 0.5, "low": -1.5, "high": 2.5}
+    assert control(env) == {name: [value] * 4 for name, value in expected.items()}
 
 
 OWN = nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8))

@@ -18,12 +18,7 @@ from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.commands.train import command as train
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
-from morlax_torch.reports.comparison import (
-    Evaluated,
-    check_comparable,
-    names,
-    repeated,
-)
+from morlax_torch.reports.comparison import Evaluated, check_comparable, names, repeated
 from morlax_torch.reports.page import cell
 from morlax_torch.reports.verdict import verdict
 from morlax_torch.runs import loading

@@ -57,17 +57,8 @@ def test_without_opengl_the_error_is_one_line(backend, sentence, tmp_path):
 def test_an_mp4_plays_in_browsers_in_real_time(saved, capsys):
     record.command(["policy.pt", *SMALL])
     assert "written: film.mp4" in capsys.readouterr().out
-    command = [
-        recording.find_ffmpeg(),
-        "-i",
-        "film.mp4",
-        "-f",
-        "rawvideo",
-        "-pix_fmt",
-        "rgb24",
-        "-",
-    ]
-    done = subprocess.run(command, capture_output=True, check=True)
+    options = ["-i", "film.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run([recording.find_ffmpeg(), *options], capture_output=True, check=True)
     about = re.search(r"Stream.*Video: (.*)", done.stderr.decode())[1]
     width, height = map(int, re.search(r" (\d\d+)x(\d+)", about).groups())
     frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
@@ -122,11 +113,10 @@ def test_a_sweep_goes_from_each_objective_to_the_next(make_policy, tmp_path):
         policy.objectives, tradeoffs, 100 * tradeoffs, np.full(11, 500), np.zeros(2), np.zeros(11)
     )
     sweep = Sweep(policy, front, 96, 64)
-    shares = []
-    frames = [
-        shares.append(sweep._takes[0].player.tradeoff[1].item()) or frame
-        for frame in sweep.frames(0.4, stride=8)
-    ]
+    shares, frames = [], []
+    for frame in sweep.frames(0.4, stride=8):
+        shares.append(sweep._takes[0].player.tradeoff[1].item())
+        frames.append(frame)
     np.testing.assert_allclose(shares, np.linspace(0, 1, 6), atol=1e-6)
     assert frames[0].shape == (64, 2 * 96 + GAP, 3)
     assert (frames[0][:, -96:] != frames[-1][:, -96:]).any()  # the mark has moved
