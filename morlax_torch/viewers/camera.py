@@ -26,27 +26,18 @@ class Area(NamedTuple):
     top: float
 
 
-WHOLE = Area(0.0, 0.0, 1.0, 1.0)
-
-
 class FollowingCamera:
     """A camera that moves with a robot's center of mass, and back when the robot stretches.
 
     `camera` is its current pose, `aspect` the picture's width by its height, `base` a body of the
-    robot. Of the free areas of the picture, the robot is placed where it is largest.
+    robot. Of the free areas of the picture (none: all), the robot is placed where it is largest.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        aspect: float,
-        areas: Sequence[Area] = (WHOLE,),
-        base: int | None = None,
-    ):
-        self.base = base_of(model) if base is None else base
-        self._model, self.camera = model, mujoco.MjvCamera()
+    def __init__(self, model: mujoco.MjModel, aspect: float, base: int, areas: Sequence[Area] = ()):
+        self.base, self._model, self.camera = base, model, mujoco.MjvCamera()
         self.camera.azimuth, self.camera.elevation = direction(model)
         half = math.tan(math.radians(model.vis.global_.fovy) / 2)  # height at a distance of 1 m
+        areas = areas or [Area(0.0, 0.0, 1.0, 1.0)]
         rooms = [min((x.right - x.left) * aspect, x.top - x.bottom) * half for x in areas]
         self._room, area = max(zip(rooms, areas, strict=True))
         a, e = np.radians([self.camera.azimuth, self.camera.elevation])
@@ -82,10 +73,10 @@ class FollowingCamera:
 
 
 def cameras_for(
-    model: mujoco.MjModel, aspect: float, poses: Sequence[mujoco.MjData], base: int | None = None
+    model: mujoco.MjModel, aspect: float, poses: Sequence[mujoco.MjData], base: int
 ) -> list[mujoco.MjvCamera]:
     """Return a camera for each pose: all at one height and distance, centered on the robot."""
-    following = [FollowingCamera(model, aspect, base=base) for _ in poses]
+    following = [FollowingCamera(model, aspect, base) for _ in poses]
     for each, pose in zip(following, poses, strict=True):
         each.restart(pose)
     for each in following:

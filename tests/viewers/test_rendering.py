@@ -6,6 +6,7 @@ import pytest
 
 from morlax_torch import MorlaxError, load
 from morlax_torch.adapters.gymnasium import Pictures
+from morlax_torch.envs.worlds.trees import base_of
 from morlax_torch.viewers.camera import FollowingCamera, cameras_for, reach, shown_geoms
 from morlax_torch.viewers.filming.recording import Take
 from morlax_torch.viewers.filming.rendering import Scene, choose_opengl
@@ -111,7 +112,7 @@ def built(world: str = "", head: str = "") -> tuple[mujoco.MjModel, mujoco.MjDat
 
 
 def filmed(model: mujoco.MjModel, data: mujoco.MjData, aspect: float = 4 / 3) -> FollowingCamera:
-    following = FollowingCamera(model, aspect)
+    following = FollowingCamera(model, aspect, base_of(model))
     following.restart(data)
     return following
 

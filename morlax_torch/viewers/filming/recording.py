@@ -25,7 +25,7 @@ from ...evaluation.style import pixels
 from ...host.files import replacing, write_file
 from ...host.phases import phase
 from ...networks.policy import Policy
-from ..camera import WHOLE, Area, FollowingCamera, cameras_for
+from ..camera import Area, FollowingCamera, cameras_for
 from ..player import Player
 from . import panels
 from .rendering import Scene, check_size
@@ -168,8 +168,7 @@ class Take:
         table = panels.Layout(self._table(), height)
         areas = [Area(0, 0, 1, 1 - table.bottom / height), Area(table.right / width, 0, 1, 1)]
         free = [area for area in areas if min(area.top, 1 - area.left) > 0.5]
-        aspect = width / height
-        self._camera = FollowingCamera(player.model, aspect, free or [WHOLE], player.env.base)
+        self._camera = FollowingCamera(player.model, width / height, player.env.base, free)
 
     def reset(self) -> None:
         self.player.reset()
@@ -261,9 +260,7 @@ class Sweep(Film):
 
     endless = True
 
-    def __init__(
-        self, policy: Policy, front: Front, width: int = 480, height: int = 360, seed: int = 0
-    ):
+    def __init__(self, policy: Policy, front: Front, width: int, height: int, seed: int = 0):
         self._corners = np.eye(len(policy.objectives))
         super().__init__(policy, self._corners[:1].tolist(), width, height, seed)
         self._front = front

@@ -315,7 +315,7 @@ def film(
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         nonlocal falls
-        camera = FollowingCamera(robot.model, SIZE[0] / SIZE[1])
+        camera = FollowingCamera(robot.model, SIZE[0] / SIZE[1], robot.base)
         camera.restart(robot.data)
         with Scene(robot.model, *SIZE) as scene:
             for step, command in enumerate(islice(commands, steps)):

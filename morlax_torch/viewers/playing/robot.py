@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from mujoco import mjtWarning
 from numpy.typing import NDArray
 from pydantic import AliasPath, BaseModel, Field, model_validator
 
@@ -29,11 +30,8 @@ JOINT = mujoco.mjtObj.mjOBJ_JOINT
 FALLEN = np.cos(np.radians(70))  # of the tilt of the base, as in mjlab's termination
 RISE = 0.02  # m of the base above its default pose at the start
 PAUSES = 1.0, 3.0  # s between two pushes, as in mjlab's training
-BROKEN = (  # of which MuJoCo warns before it resets the state
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+# of which MuJoCo warns before it resets the state
+BROKEN = mjtWarning.mjWARN_BADQPOS, mjtWarning.mjWARN_BADQVEL, mjtWarning.mjWARN_BADQACC
 
 
 class Term(BaseModel):
@@ -283,9 +281,7 @@ class Robot:
         self.action = np.zeros(len(self._motors))
         self.command = np.zeros(3)
         self._pending: deque[tuple[int, Array]] = deque()
-        self._histories: list[deque[Array]] = [
-            deque(maxlen=term.history_length) for _, term in self._terms
-        ]
+        self._histories = [deque[Array](maxlen=term.history_length) for _, term in self._terms]
         self._count = 0  # physics steps
         delay = self._rng.uniform(*self._disturbances.delay)
         self._delay = round(delay / 1000 / self.model.opt.timestep)  # physics steps

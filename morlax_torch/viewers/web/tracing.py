@@ -20,14 +20,9 @@ from ...envs.physics.mujoco import MujocoPhysics
 from ...exports.exporting import onnx_model, onnxruntime, quiet
 from ...host.phases import phase
 
-ARRAYS = {  # of `Physics`, and their names in mjData
-    "qpos": "qpos",
-    "qvel": "qvel",
-    "act": "act",
-    "ctrl": "ctrl",
-    "warmstart": "qacc_warmstart",
-    "sensors": "sensordata",
-}
+# of `Physics`, and their names in mjData
+ARRAYS = {"qpos": "qpos", "qvel": "qvel", "act": "act", "ctrl": "ctrl"}
+ARRAYS |= {"warmstart": "qacc_warmstart", "sensors": "sensordata"}
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
 STEPS, EPISODES = 60, 3  # of the check
 TOLERANCE = 1e-4  # absolute plus relative
