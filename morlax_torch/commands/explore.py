@@ -54,5 +54,4 @@ def command(arguments: Sequence[str]) -> None:
             page = Page(RunExhibit(choice, queue.put, tradeoff), queue, options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
         page.serve(lambda: ended() or (trainer > 0 and not runs(trainer)))
-        page.stop()
     cli.skip_teardown()  # which would wait for the thread of a search

@@ -23,10 +23,6 @@ TELL = 1 / 10  # s between messages about anything but poses
 SLOWEST = 0.05  # playback speed
 _log = logging.getLogger(__name__)
 
-Button = Literal[
-    *("reset", "push", "add", "remove", "free", "cancel", "export", "card", "measure", "follow"),
-    *("find", "skip", "use", "again", "leave"),
-]
 ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else is ignored
     # the selected robot's trade-off, which is scaled to sum to one
     "steer": {"weights": list[float]},
@@ -36,7 +32,7 @@ ACTS: dict[str, dict[str, Any]] = {  # what browsers may ask for; anything else 
     "reshape": {"index": NonNegativeInt, "value": float},
     "pause": {"on": bool},
     "pace": {"value": float},  # playback speed; 1 is real time
-    "press": {"name": Button},
+    "press": {"name": str},  # a button that `RunExhibit.react` knows
     "select": {"robot": NonNegativeInt},  # steer another robot
     "open": {"run": str, "checkpoint": str | None},  # no checkpoint means the best
     # returns of objectives, then quantities; the level is clamped to the front's range
@@ -79,7 +75,7 @@ class Page:
         self.address = self._server.address
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Move the robots in real time while browsers watch, until `ended` returns true."""
+        """Move the robots in real time for browsers; disconnect them once `ended` returns true."""
         frame = shown = 0.0
         while not ended():
             moves = self._server.tabs and not self._paused
@@ -99,9 +95,6 @@ class Page:
             for action in drained(self._queue, max(wait, 0.0)):
                 self._attempt(action)
                 shown = 0.0  # before other robots' poses are sent, browsers must know the robots
-
-    def stop(self) -> None:
-        """Disconnect the browsers."""
         self._server.stop()
 
     def _advance(self, now: float, pace: float) -> None:
