@@ -96,14 +96,12 @@ class Recorder(TorchDispatchMode):
         super().__init__()
         self.graph, self.root, self.former = fx.Graph(), nn.Module(), former
         self.inputs: dict[str, Tensor] = {}  # in order, with values to trace with
-        self.outputs: dict[str, Any] = {}  # name -> node
-        self.carried: dict[str, Tensor] = {}  # results of `former` that are inputs here
+        self.outputs: dict[str, Any] = {}  # name -> node; the changed state among them
         self.draws: dict[str, dict[str, Any]] = {}  # kind and parameters by name
         self._nodes: dict[int, tuple[fx.Node, Tensor]] = {}  # id -> node, and the tensor itself
         self._names = {storage(values): name for name, values in state.items()}
         self._state = state
         self._bases: dict[str, fx.Node] = {}
-        self._changed: dict[str, None] = {}
         self._dynamic: set[fx.Node] = set()
 
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
@@ -124,9 +122,7 @@ class Recorder(TorchDispatchMode):
         self.outputs[name] = self._node(tensor)
 
     def module(self) -> fx.GraphModule:
-        """Return the graph as a module of `inputs`; it also returns the changed state."""
-        for name in self._changed:
-            self.outputs[name] = self._bases[name]
+        """Return the graph as a module from `inputs` to `outputs`."""
         results = [self._call(aten.clone.default, (x,), {}) for x in self.outputs.values()]
         self.graph.output(tuple(results))
         return fx.GraphModule(self.root, self.graph)
@@ -157,7 +153,7 @@ class Recorder(TorchDispatchMode):
         for tensor in written(func, args, kwargs):
             name = self._names.get(storage(tensor))
             if name is not None:
-                self._changed[name] = None
+                self.outputs[name] = self._bases[name]
         if isinstance(result, Tensor):
             self._nodes[id(result)] = node, result
         elif isinstance(result, (list, tuple)):
@@ -173,9 +169,9 @@ class Recorder(TorchDispatchMode):
         if name is not None:
             node = self._view(name, tensor)
         elif former is not None and id(tensor) in former._nodes:
-            name = f"carried_{len(self.carried)}"
+            name = f"carried_{len(self.inputs)}"
+            former.output(name, tensor)
             node = self._placeholder(name, tensor)
-            self.carried[name] = tensor
         else:
             name = f"constant_{len(list(self.root.buffers()))}"
             self.root.register_buffer(name, tensor.detach().clone())
@@ -296,8 +292,6 @@ def _traced(env: Environment) -> Traced:
     for name in RESULTS:
         after.output(name, getattr(step, name))
     after.output("terms", terms)
-    for name, tensor in after.carried.items():
-        before.output(name, tensor)
     return Traced(_graph(before), _graph(after), state, tuple(step.terms))
 
 
