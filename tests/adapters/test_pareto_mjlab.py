@@ -14,7 +14,7 @@ from morlax_torch.__main__ import command
 from morlax_torch.exports.exporting import export
 from morlax_torch.rsl_rl import specialize
 from morlax_torch.viewers.explorer import library
-from morlax_torch.viewers.explorer.session import Session
+from morlax_torch.viewers.explorer.session import Session, policies_of
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
@@ -99,7 +99,7 @@ def test_a_checkpoint_of_mjlab_is_a_run(run, tmp_path):
 
 
 def test_a_checkpoint_of_mjlab_is_explored_exported_and_played(run, tmp_path, capsys):
-    session = Session.open(library.choose(str(run)))
+    session = Session(*policies_of(library.choose(str(run))))
     session.tradeoff = (0.2, 0.3, 0.5)
     assert [session.advance(second / 10) for second in range(3)] == [0, 5, 5]  # of 20 ms
     command(["export", str(run), "--output", str(tmp_path / "family.onnx")])
