@@ -47,11 +47,11 @@ def command(arguments: Sequence[str]) -> None:
     trainer = int(os.environ.get(BESIDE, "0"))
     if trainer and hasattr(os, "nice"):
         os.nice(NICE)
-    with one_thread(torch.device("cpu")), interruptible() as ended:
+    with one_thread(torch.device("cpu")), interruptible() as received:
         with cli.Live():
             # a SimpleQueue waits forever if a signal interrupts it about when its timeout ends
             queue = Queue()
             page = Page(RunExhibit(choice, queue.put, tradeoff), queue, options.host, options.port)
         cli.console.print(f"open {page.address}  (Ctrl-C to stop)", soft_wrap=True)
-        page.serve(lambda: ended() or (trainer > 0 and not runs(trainer)))
+        page.serve(lambda: bool(received) or (trainer > 0 and not runs(trainer)))
     cli.skip_teardown()  # which would wait for the thread of a search

@@ -39,16 +39,14 @@ def command(arguments: Sequence[str]) -> None:
         session = Session.of(config, run, start.output)
         gc.freeze()  # else collections, which stop training, would look through all libraries
     assert session.run is not None
-    gather, ended = session.learner.group.gather, False
+    gather, ended = session.learner.group.gather, 0
 
     def stopped() -> bool:
-        nonlocal ended
-        if received := max(gather(interrupted.signal)):
-            interrupted.signal = received  # a signal to one process ends all
-            ended = True  # a later signal finds a run that has reached its limit
-        return ended
+        nonlocal ended  # by this signal; a later one finds a run that has reached its limit
+        ended = ended or max(gather(max(received, default=0)))  # a signal to one process ends all
+        return ended > 0
 
-    with interruptible() as interrupted:
+    with interruptible() as received:
         page = _page(session.run.folder) if start.explore and FIRST else None
         with (
             Display(session.learner, session.run.folder, session.progress) as display,
@@ -56,13 +54,13 @@ def command(arguments: Sequence[str]) -> None:
         ):
             for evaluation in evaluations:
                 display.evaluated(evaluation)
-            display.finished(ended)
+            display.finished(ended > 0)
         if page is not None and not ended and page.poll() is None:
             cli.console.print("the page stays open  (Ctrl-C to stop)")
-            while page.poll() is None and not interrupted():
+            while page.poll() is None and not received:
                 time.sleep(0.1)
     if ended:
-        sys.exit(128 + interrupted.signal)  # as a program that the signal ended
+        sys.exit(128 + ended)  # as a program that the signal ended
 
 
 def _page(run: Path) -> subprocess.Popen:

@@ -14,20 +14,9 @@ from ..envs.errors import shortened, unknown, validated
 from ..envs.naming import absolute, is_file
 from ..envs.worlds.options import Count, Section
 from ..host.phases import phase
+from . import sections
 from .files import algorithm_of, merged, nested, over_task_values, required_values, task_values
-from .sections import (
-    DESIGNING,
-    OPTIONS,
-    Algorithm,
-    EvaluationConfig,
-    HyperMORLOptions,
-    HyperSACOptions,
-    MethodOptions,
-    NetworkConfig,
-    PPOConfig,
-    Protocol,
-    SamplingConfig,
-)
+from .sections import Algorithm, MethodOptions, Protocol
 
 SCALARIZATIONS = ("linear", "chebyshev", "augmented-chebyshev")
 CONSTRAINED = "constrained:"  # before the name of an objective
@@ -78,10 +67,10 @@ class Config(Section):
     """Share of the run, at its end, over which learning rates, desired KL, entropy bonus and
     observation normalizer updates decay linearly to zero. Until then they stay constant, as in
     warmup-stable-decay schedules (1: decay over the whole run; 0: never)."""
-    sampling: SamplingConfig = SamplingConfig()
-    network: NetworkConfig = NetworkConfig()
-    ppo: PPOConfig = PPOConfig()
-    evaluation: EvaluationConfig = EvaluationConfig()
+    sampling: sections.SamplingConfig = sections.SamplingConfig()
+    network: sections.NetworkConfig = sections.NetworkConfig()
+    ppo: sections.PPOConfig = sections.PPOConfig()
+    evaluation: sections.EvaluationConfig = sections.EvaluationConfig()
     method: MethodOptions = MethodOptions()
     """Options of the algorithm."""
     task: ObjectiveOptions
@@ -146,7 +135,7 @@ class Config(Section):
     @property
     def off_policy(self) -> bool:
         """Whether critics value a state and an action, twice."""
-        return isinstance(self.method, HyperSACOptions)
+        return isinstance(self.method, sections.HyperSACOptions)
 
     @pydantic.model_validator(mode="after")
     def _consistent(self, info: ValidationInfo) -> Self:
@@ -159,7 +148,7 @@ class Config(Section):
         limited = {
             "decay_fraction": self.decay_fraction,
             "sampling.focus": self.sampling.focus,
-            f"algorithm {self.algorithm}": isinstance(self.method, HyperMORLOptions),
+            f"algorithm {self.algorithm}": isinstance(self.method, sections.HyperMORLOptions),
         }
         endless = self.max_env_steps is None and self.max_seconds is None
         for name in (name for name, used in limited.items() if used and endless):
@@ -179,10 +168,10 @@ class Config(Section):
             raise ValueError(
                 "network.asymmetry needs network.symmetric: set that too, or network.asymmetry to 0"
             )
-        if self.sampling.designs and self.algorithm not in DESIGNING:
+        if self.sampling.designs and self.algorithm not in sections.DESIGNING:
             raise ValueError(
                 f"algorithm {self.algorithm} cannot train with many bodies: set sampling.designs "
-                f"to 0, or use {' or '.join(DESIGNING)}"
+                f"to 0, or use {' or '.join(sections.DESIGNING)}"
             )
 
     def _check_scalarization(self) -> None:
@@ -232,7 +221,7 @@ class Config(Section):
                 "least one above zero, and then a share of training up to 1"
             )
         self.task.check_seeds(self.evaluation.seeds)
-        if isinstance(self.method, HyperSACOptions) and self.method.batch % K:
+        if isinstance(self.method, sections.HyperSACOptions) and self.method.batch % K:
             batch = self.method.batch
             raise ValueError(
                 f"method.batch ({batch}) must be a multiple of {K} (sampling.clusters): "
@@ -248,7 +237,7 @@ class Config(Section):
 
 def config_class(env: str, algorithm: str = "morlax") -> type[Config]:
     """Return `Config` with the options of one task and one algorithm, so that they are checked."""
-    return _with_options(envs.get(env).Options, OPTIONS.get(algorithm, MethodOptions))
+    return _with_options(envs.get(env).Options, sections.OPTIONS.get(algorithm, MethodOptions))
 
 
 @cache

@@ -71,7 +71,7 @@ class Evaluator:
         alone: bool = False,
     ):
         self._points, self._seeds = tradeoffs.repeat(seeds, 1).cpu().numpy(), seeds
-        self._sets, self._alone = sets, alone
+        self._sets, self._alone, self.number = sets, alone, len(tradeoffs)  # K
         tradeoffs = share(tradeoffs, seeds * sets, group)
         if env.auto_reset or env.num_worlds != len(tradeoffs):
             raise ValueError("an evaluator needs a world per episode, and auto_reset=False")
@@ -102,16 +102,14 @@ class Evaluator:
         parameters = {name: value.clone() for name, value in actors.parameters.items()}
         self._actors = actors._replace(parameters=parameters)
         self._stride = stride_of(self._horizon)
+        self.duration = self._horizon * env.dt  # s of an episode, as far as its returns count
+        self.period = self._stride * env.dt  # s between two changes of a trade-off over time
         self._steps = Graph(self._some_steps, env.device, [env.generator], self._one_step)
 
     def compile(self) -> None:
         """Compile kernels and record some steps; worlds that cannot be recorded run eagerly."""
         if self.env.recordable:
             self._steps.record()
-
-    @property
-    def number(self) -> int:  # K
-        return len(self._points) // self._seeds
 
     @property
     def reference_point(self) -> np.ndarray:
@@ -145,16 +143,6 @@ class Evaluator:
         lost = np.maximum(1 - lasting, 1e-9)  # of a step's weight, from each to the next
         steps = (1 - (1 - lost) ** self._horizon) / lost
         return pareto.hypervolume(rates[:, :-1] * steps, self.reference_point)
-
-    @property
-    def duration(self) -> float:
-        """Seconds of an episode, as far as its returns count."""
-        return self._horizon * self.env.dt
-
-    @property
-    def period(self) -> float:
-        """Seconds between two changes of a trade-off over time."""
-        return self._stride * self.env.dt
 
     def follow(
         self, tradeoffs: Callable[[float], np.ndarray], windows: Sequence[tuple[float, float]]

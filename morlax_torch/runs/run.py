@@ -20,18 +20,8 @@ from ..envs import MorlaxError
 from ..envs.naming import movable, title
 from ..envs.worlds.options import STORED
 from ..evaluation.front import Front
-from ..host.files import (
-    AnyPath,
-    Taken,
-    attempting,
-    make_folder,
-    making,
-    read,
-    remove_drafts,
-    unused,
-    write_file,
-    write_rows,
-)
+from ..host import files
+from ..host.files import AnyPath, attempting
 from . import checkpoint
 from .checkpoint import Contents
 from .hardware import FILE as HARDWARE
@@ -91,9 +81,9 @@ class Run:
             return cls(learner.group.first(""))
         name = f"{time.strftime('%Y%m%d-%H%M%S')}-{config.seed}"
         while True:
-            folder = Path(output or unused(Path("runs") / title(config.env) / name))
+            folder = Path(output or files.unused(Path("runs") / title(config.env) / name))
             try:
-                with making(folder) as draft:
+                with files.making(folder) as draft:
                     (draft / "checkpoints").mkdir()
                     latest = draft / "checkpoints" / "latest.pt"
                     checkpoint.write(latest, contents, Progress(evaluated=False))
@@ -101,7 +91,7 @@ class Run:
                     write_machines(draft, [Machine.of(learner)])
                     copy_files(config, draft)
                 break
-            except Taken:
+            except files.Taken:
                 if output is not None:
                     raise taken(folder) from None
         run = cls(folder)
@@ -202,7 +192,7 @@ class Run:
         if not machines or machines[-1] != machine:
             write_machines(self.folder, [*machines, machine])
         for folder in (self.folder, self.checkpoints, self.fronts):
-            remove_drafts(folder)
+            files.remove_drafts(folder)
 
     def save(
         self, contents: dict[str, Any], progress: Progress, evaluation: Evaluation | None = None
@@ -225,12 +215,12 @@ class Run:
 
     def _save_best(self, front: Front) -> None:
         best = self.checkpoints / "best.pt"
-        write_file(best, read(self.checkpoints / "latest.pt", "checkpoint"))
+        files.write_file(best, files.read(self.checkpoints / "latest.pt", "checkpoint"))
         _save_front(front, best)
 
     def _keep(self, evaluation: Evaluation) -> None:
         """Keep the front of the newest evaluation, and drop the one before unless it stands out."""
-        make_folder(self.fronts)
+        files.make_folder(self.fronts)
         evaluation.front.save(self._front_of(evaluation.iteration))
         before = len(self._rows) - 2
         if before >= 0 and not milestone(before):
@@ -266,7 +256,7 @@ class Run:
             return
         columns = dict.fromkeys(chain(self._rows[-1], *self._rows))
         rows = ([row.get(column, "") for column in columns] for row in self._rows)
-        write_rows(self._metrics, [list(columns), *rows])
+        files.write_rows(self._metrics, [list(columns), *rows])
 
     @cached_property
     def _events(self) -> "SummaryWriter":

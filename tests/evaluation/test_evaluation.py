@@ -47,7 +47,7 @@ class Scripted:
     FAILED = torch.tensor(
         [[False, False, False, False], [False, True, False, False], [False, False, True, True]]
     )  # by world and step
-    quantities, titles = (), {"jump": "height"}
+    quantities, titles, dt = (), {"jump": "height"}, 0.1
 
     def __init__(self, auto_reset: bool = False):
         self.auto_reset, self.num_worlds, self.device = auto_reset, 3, torch.device("cpu")

@@ -73,27 +73,18 @@ def keep_bytecode() -> None:
         sys.dont_write_bytecode = False
 
 
-class Interruption:
-    """Whether a signal has asked the program to end; call it to ask."""
-
-    signal: int = 0
-
-    def __call__(self) -> bool:
-        return self.signal != 0
-
-
 @contextmanager
-def interruptible() -> Iterator[Interruption]:
-    """Turn the first signal of SIGNALS into a flag; a second one acts as usual."""
-    interruption = Interruption()
+def interruptible() -> Iterator[list[int]]:
+    """Yield a list that gets the first of SIGNALS that comes; a second one acts as usual."""
+    received: list[int] = []
 
     def receive(number: int, frame: Any) -> None:
-        interruption.signal = number
+        received.append(number)
         for which, handler in usual.items():
             signal.signal(which, handler)
 
     with _handling(receive) as usual:
-        yield interruption
+        yield received
 
 
 @contextmanager
