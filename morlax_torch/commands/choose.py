@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, PositiveFloat
+from rich.table import Column, Table
 
 from ..envs import MorlaxError
 from ..host.files import write_file
@@ -123,8 +124,6 @@ def _over_time(options: Choose, least: dict[str, float], most: dict[str, float])
         folder = loading.own_folder(options.run) or Path()
         file = options.output or folder / "tradeoff_over_time.yaml"
         schedule.save(file, policy.objectives)
-    from rich.table import Column, Table
-
     required = scheduler.required
     heads = (Column(head, justify="right") for head in ("required", *best))
     table = Table("value", *heads, box=None)
@@ -142,8 +141,6 @@ def _over_time(options: Choose, least: dict[str, float], most: dict[str, float])
 
 def _show(choice: "Choice") -> None:
     """Print promised and simulated, or evaluated values, margins and the cost."""
-    from rich.table import Column, Table  # takes a while to import
-
     required = choice.required
     kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
     numbers = (Column(head, justify="right") for head in (*kinds, "required", "margin"))

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field, NonNegativeInt
 
@@ -13,11 +13,6 @@ from .terminal.arguments import Device, Limits, OfRun, arg, parse
 from .terminal.process import typed
 
 FILES = "designs.csv", "designs.png", "designs.pdf", "body.xml", "body.pt"
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..tuning.designs import Designer, Simulated
 
 
 class Design(OfRun, Limits):
@@ -64,62 +59,22 @@ def command(arguments: Sequence[str]) -> None:
         designer = Designer(policy, options.seed)
         folder = options.output or (own_folder(options.run) or Path()) / "designs"
         make_folder(folder)
-        grid = designer.grid(options.bodies, options.tradeoffs, options.seed)
-        refined = designer.refine(grid, options.rounds, options.population, options.seed)
-        simulated = grid.joined(refined)
+        grid = designer.grid(options.bodies, options.tradeoffs)
+        simulated = grid.joined(designer.refine(grid, options.rounds, options.population))
         best, volume = designer.best_body(grid, options.tradeoffs)
-        told = [f"body with the largest hypervolume: {_body(designer, best)}"]
+        told = [f"body with the largest hypervolume: {designer.body(best)}"]
         if options.maximize is not None:
             names = policy.objectives, designer.quantities
             required = Requirements.of(*names, least, options.maximize, most)
             ranked = required.ranked(simulated.tradeoffs, simulated.values, "simulated")
             row = int(ranked[0])
             best = simulated.designs[row]
-            weights, reached = shown(simulated.tradeoffs[row]), _reached(designer, simulated, row)
-            told = [f"body: {_body(designer, best)}", f"trade-off: {weights} ({reached})"]
+            weights, reached = shown(simulated.tradeoffs[row]), designer.reached(simulated, row)
+            told = [f"body: {designer.body(best)}", f"trade-off: {weights} ({reached})"]
     default = grid.rows(slice(options.tradeoffs))
-    _show(designer, (default, grid, simulated), volume)
-    for line in told:
-        cli.console.print(line)
+    for part in (*designer.summary(default, grid, simulated, volume), *told):
+        cli.console.print(part)
     designer.write(folder, simulated, default, best)
     cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)
     trust = ["--trust"] * options.trust
     cli.print_command("to see the robot", typed("explore", folder / "body.pt", *trust))
-
-
-def _show(designer: "Designer", parts: "Sequence[Simulated]", best: float) -> None:
-    """Print the fronts of one body and of all, and the most of each objective."""
-    import numpy as np
-    from rich.table import Table  # takes a while to import
-
-    from ..evaluation import pareto
-
-    default, grid, simulated = parts
-    without = int(np.isnan(grid.returns).any(1).sum()) // len(default.values)
-    missing = f"; {without} bodies could not start" if without else ""
-    cli.console.print(f"{len(simulated.values):,} policies were simulated{missing}")
-    table = Table("front", "hypervolume", "policies", "bodies", box=None)
-    names = "default body", "bodies spread evenly", "and refined"
-    for name, part in zip(names, parts, strict=True):
-        front = part.rows(pareto.non_dominated(part.returns))
-        bodies = len(np.unique(front.designs, axis=0))
-        volume = f"{designer.hypervolume(part):.4e}"
-        table.add_row(name, volume, str(len(front.values)), str(bodies))
-        if part is default:
-            table.add_row("best body", f"{best:.4e}", "", "1")
-    cli.console.print(table)
-    for index, name in enumerate(designer.policy.objectives):
-        row = int(np.nanargmax(simulated.returns[:, index]))
-        reached = _reached(designer, simulated, row)
-        cli.console.print(f"most {name}: {reached}; {_body(designer, simulated.designs[row])}")
-
-
-def _body(designer: "Designer", design: "np.ndarray") -> str:
-    parameters = zip(designer.space.parameters.items(), design, strict=True)
-    return ", ".join(f"{name} {value:.3g} {each.unit}" for (name, each), value in parameters)
-
-
-def _reached(designer: "Designer", simulated: "Simulated", row: int) -> str:
-    names = (*designer.policy.objectives, *designer.quantities)
-    values = zip(names, simulated.values[row], strict=True)
-    return ", ".join(f"{name} {value:.4g}" for name, value in values)

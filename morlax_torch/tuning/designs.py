@@ -1,11 +1,13 @@
 """Search over bodies and trade-offs together, of a family of policies that knows many bodies."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Self
 
 import moocore
 import numpy as np
 import torch
+from rich.table import Table
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import evaluation_tradeoffs
@@ -85,14 +87,14 @@ class Designer:
         values[~made[rows]] = np.nan
         return values
 
-    def grid(self, bodies: int, tradeoffs: int, seed: int) -> Simulated:
+    def grid(self, bodies: int, tradeoffs: int) -> Simulated:
         """Simulate the default body and others, spread evenly, each with the same trade-offs."""
         points = evaluation_tradeoffs(tradeoffs, len(self.policy.objectives)).numpy()
-        others = self.space.spread(bodies - 1, seed)
+        others = self.space.spread(bodies - 1, self._seed)
         designs = np.concatenate([self.space.default[None], others])
         return self.simulate(designs.repeat(tradeoffs, 0), np.tile(points, (bodies, 1)))
 
-    def refine(self, start: Simulated, rounds: int, population: int, seed: int) -> Simulated:
+    def refine(self, start: Simulated, rounds: int, population: int) -> Simulated:
         """Return what generations of NSGA-II simulate, from the front of simulated policies."""
         m = len(self.policy.objectives)
         ranges = {name: (each.low, each.high) for name, each in self.space.parameters.items()}
@@ -110,7 +112,7 @@ class Designer:
             simulated = simulated.joined(new)
             return new.returns
 
-        evolve(ranges, starts, m, population, rounds, seed, score)
+        evolve(ranges, starts, m, population, rounds, self._seed, score)
         return simulated
 
     def hypervolume(self, simulated: Simulated) -> float:
@@ -123,6 +125,39 @@ class Designer:
         volumes = [self.hypervolume(grid.rows(rows)) for rows in bodies]
         best = int(np.argmax(volumes))
         return grid.designs[bodies[best, 0]], volumes[best]
+
+    def body(self, design: np.ndarray) -> str:
+        """Return the parameters of a design (d,) as text."""
+        parameters = zip(self.space.parameters.items(), design, strict=True)
+        return ", ".join(f"{name} {value:.3g} {each.unit}" for (name, each), value in parameters)
+
+    def reached(self, simulated: Simulated, row: int) -> str:
+        """Return the values of a policy as text."""
+        names = (*self.policy.objectives, *self.quantities)
+        values = zip(names, simulated.values[row], strict=True)
+        return ", ".join(f"{name} {value:.4g}" for name, value in values)
+
+    def summary(
+        self, default: Simulated, grid: Simulated, simulated: Simulated, best: float
+    ) -> Iterator[str | Table]:
+        """Compare the fronts of one body and of all, and yield the most of each objective."""
+        without = int(np.isnan(grid.returns).any(1).sum()) // len(default.values)
+        missing = f"; {without} bodies could not start" if without else ""
+        yield f"{len(simulated.values):,} policies were simulated{missing}"
+        table = Table("front", "hypervolume", "policies", "bodies", box=None)
+        parts = {"default body": default, "bodies spread evenly": grid, "and refined": simulated}
+        for name, part in parts.items():
+            front = part.rows(pareto.non_dominated(part.returns))
+            bodies = len(np.unique(front.designs, axis=0))
+            volume = f"{self.hypervolume(part):.4e}"
+            table.add_row(name, volume, str(len(front.values)), str(bodies))
+            if part is default:
+                table.add_row("best body", f"{best:.4e}", "", "1")
+        yield table
+        for index, name in enumerate(self.policy.objectives):
+            row = int(np.nanargmax(simulated.returns[:, index]))
+            body = self.body(simulated.designs[row])
+            yield f"most {name}: {self.reached(simulated, row)}; {body}"
 
     def write(
         self, folder: Path, simulated: Simulated, default: Simulated, best: np.ndarray

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_origin
 import tyro
 from pydantic import BaseModel, Field
 from pydantic_core import PydanticUndefined
+from rich.table import Column, Table
 from tyro import constructors
 
 from ... import envs
@@ -192,8 +193,6 @@ class Train(Section):
 
 def print_help() -> None:
     """Print the options of `train` that people use, under their headings, and examples."""
-    from rich.table import Column, Table  # takes a while to import
-
     start = program("train")
     console.print(f"usage: {start} [OPTIONS]\n\n{_paragraphs(Train.__doc__ or '')}")
     for heading, names in SHOWN.items():
