@@ -1,7 +1,7 @@
 """Evaluate trained runs: fronts, indicators, figures and a report."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +16,6 @@ PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
 
 if TYPE_CHECKING:
     from ..networks.policy import Policy
-    from ..reports.comparison import Evaluated
 
 
 class Evaluate(Trusting):
@@ -64,18 +63,8 @@ def command(arguments: Sequence[str]) -> None:
         from ..reports.evaluating import evaluate_runs  # imports torch
 
         runs, line = options.pop("runs"), typed("evaluate", *arguments)
-        _, folder = evaluate_runs(runs, line, portrait=_portrait, show=_show, **options)
+        _, folder = evaluate_runs(runs, line, portrait=_portrait, show=cli.console.print, **options)
     cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
-
-
-def _show(runs: "Mapping[str, Evaluated]") -> None:
-    from ..reports.evaluating import table
-    from ..reports.verdict import verdict_of
-
-    cli.console.print(verdict_of(runs), markup=False, highlight=False)
-    cli.console.print(table(runs))
-    files = ", ".join(f"{run.front.checkpoint} of {name}" for name, run in runs.items())
-    cli.console.print(f"evaluated: {files}")
 
 
 def _portrait(policy: "Policy") -> bytes | None:

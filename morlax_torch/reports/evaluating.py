@@ -24,6 +24,7 @@ from ..runs.progress import History
 from . import comparison
 from .comparison import Evaluated
 from .page import indicator_cells, words, write
+from .verdict import verdict_of
 
 MOST_COLUMNS = 3  # repeated runs shown in the terminal; the files list all of them, and quartiles
 
@@ -42,12 +43,12 @@ def evaluate_runs(
     trust: bool = False,
     env: str | None = None,
     portrait: Callable[[Policy], bytes | None] = lambda policy: None,
-    show: Callable[[Mapping[str, Evaluated]], None] = lambda evaluations: None,
+    show: Callable[[str | Table], None] = lambda part: None,
 ) -> tuple[dict[str, Evaluated], Path]:
     """Evaluate runs, and write fronts, figures, indicators and a report to the returned folder.
 
-    `typed` is the command line, `portrait` draws a robot as PNG, and `show` gets the evaluations by
-    name before anything is written. See `evaluate --help` for the other arguments.
+    `typed` is the command line, `portrait` draws a robot as PNG, and `show` gets the verdict and a
+    table before anything is written. See `evaluate --help` for the other arguments.
     """
     for run in runs:
         loading.trust_run(run, trust, env)
@@ -80,7 +81,9 @@ def evaluate_runs(
         measures = comparison.measures(fronts[name], target)
         facts = fronts[name], histories[name], measures, machines[name]
         evaluations[name] = Evaluated(run, policies[name], *facts)
-    show(evaluations)
+    used = ", ".join(f"{front.checkpoint} of {name}" for name, front in fronts.items())
+    for part in (verdict_of(evaluations), table(evaluations), f"evaluated: {used}"):
+        show(part)
     changed = loading.is_changed(runs[0], first)
     as_trained = protocol == first.config.evaluation.protocol and not changed
     # the files in a run's folder are of best.pt, evaluated as in training

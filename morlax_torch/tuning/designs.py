@@ -14,10 +14,8 @@ from ..configuration.tradeoffs import evaluation_tradeoffs
 from ..envs import MorlaxError, get
 from ..envs.worlds.design_space import DesignSpace, compiled
 from ..envs.worlds.environment import Environment
-from ..evaluation import pareto
+from ..evaluation import figures, pareto
 from ..evaluation.evaluator import Evaluator, embody, evaluation_worlds
-from ..evaluation.figures import designs_figure
-from ..evaluation.figures import save as save_figure
 from ..host.files import write_file, write_rows
 from ..host.phases import phase
 from ..networks.policy import Policy
@@ -171,8 +169,10 @@ class Designer:
         write_rows(folder / "designs.csv", [heads, *rows])
         units = [f"{name} ({each.unit})" for name, each in parameters.items()]
         usual = pareto.front(default.returns)
-        figure = designs_figure(policy.objectives, front.returns, front.designs, units, usual)
-        save_figure(figure, folder / "designs")
+        figure = figures.designs_figure(
+            policy.objectives, front.returns, front.designs, units, usual
+        )
+        figures.save(figure, folder / "designs")
         design = self.space.named(best)
         spec, _ = compiled(get(policy.config.env), design)
         write_file(folder / "body.xml", spec.to_xml())

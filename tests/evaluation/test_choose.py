@@ -21,26 +21,10 @@ from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.requirements import Requirements, index_of
 from morlax_torch.networks.agent import Agent
 from morlax_torch.reports.page import card
-from morlax_torch.runs import choosing
+from morlax_torch.runs import choosing, loading
 from morlax_torch.runs.checkpoint import Task
-from morlax_torch.runs.choosing import (
-    CONDITIONS,
-    EPISODES,
-    USUAL,
-    Candidates,
-    Chooser,
-    Trial,
-    choose,
-    trials,
-)
-from morlax_torch.runs.loading import (
-    bookmark,
-    bookmarks,
-    evaluate,
-    find_run,
-    rename_bookmark,
-    tradeoff_of,
-)
+from morlax_torch.runs.choosing import Candidates, Chooser, Trial, choose, trials
+from morlax_torch.runs.loading import bookmark, evaluate, find_run, tradeoff_of
 
 # of the way from the right place to the left one of `Quadratic`, of three separate policies
 SHARES = torch.tensor([0.0, 0.4, 1.0])
@@ -483,10 +467,10 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
     with pytest.raises(MorlaxError, match="shipped policies keep no bookmarks"):
         bookmark("hopper", "fast", (1.0, 0.0))
     with pytest.raises(MorlaxError, match="there is a bookmark fast already: delete it first"):
-        rename_bookmark(run, "calm one", "fast")
+        loading.rename_bookmark(run, "calm one", "fast")
     with pytest.raises(MorlaxError, match="there is a bookmark fast already: delete it first"):
         bookmark(run, "fast", (0.0, 1.0), replaces=False)
-    assert bookmarks(run) == {"calm one": [0.25, 0.75], "fast": [3.0, 1.0]}
+    assert loading.bookmarks(run) == {"calm one": [0.25, 0.75], "fast": [3.0, 1.0]}
     file.write_text("fast: [a]")
     with pytest.raises(MorlaxError, match="is damaged"):
         tradeoff_of("@fast", run, names)
@@ -526,9 +510,9 @@ def test_trials_repeat_the_evaluation_and_vary_the_robot():
     policy = load("cheetah")
     tried = trials(policy, (0.5, 0.5))
     front = evaluate(policy, tradeoffs=3, device="cpu")
-    usual = tried.pop(USUAL)
+    usual = tried.pop(choosing.USUAL)
     assert usual.episodes == 1
     np.testing.assert_allclose(usual.values, front.returns[1], rtol=0.05)
-    assert set(tried) == set(CONDITIONS)
+    assert set(tried) == set(choosing.CONDITIONS)
     for trial in tried.values():
-        assert trial.episodes == EPISODES and not np.allclose(trial.values, usual.values)
+        assert trial.episodes == choosing.EPISODES and not np.allclose(trial.values, usual.values)

@@ -23,12 +23,8 @@ from morlax_torch.commands import design as searching
 from morlax_torch.commands import record
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
 from morlax_torch.envs.robots.designed import DesignedHopper
-from morlax_torch.envs.worlds.design_space import (
-    DesignParameter,
-    DesignSpace,
-    compile_bank,
-    compiled,
-)
+from morlax_torch.envs.worlds import design_space
+from morlax_torch.envs.worlds.design_space import DesignParameter, DesignSpace, compile_bank
 from morlax_torch.evaluation.evaluator import Evaluator, held_out, make_evaluator
 from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.training import Session
@@ -155,8 +151,8 @@ def test_a_parameter_needs_bounds_around_its_default():
 def test_a_wrong_design_is_one_sentence(design, sentence):
     hopper = envs.get("design/hopper")
     with pytest.raises(MorlaxError, match=sentence):
-        compiled(hopper, design)
-    compiled(hopper, {"thigh": np.float32(0.3), "calf": torch.tensor(0.3)})
+        design_space.compiled(hopper, design)
+    design_space.compiled(hopper, {"thigh": np.float32(0.3), "calf": torch.tensor(0.3)})
 
 
 def test_what_warp_shares_between_worlds_is_named():

@@ -4,18 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from morlax_torch.configuration.tradeoffs import (
-    dirichlet_tradeoffs,
-    evaluation_tradeoffs,
-    parse_tradeoff,
-    sample_tradeoffs,
-    typical_tradeoffs,
-)
+from morlax_torch.configuration import tradeoffs as points
+from morlax_torch.configuration.tradeoffs import dirichlet_tradeoffs, evaluation_tradeoffs
 
 
 def sampled(clusters: int, m: int, *args: object, seed: int = 0) -> torch.Tensor:
     out = torch.empty(clusters, m)
-    sample_tradeoffs(out, *args, generator=torch.Generator().manual_seed(seed))
+    points.sample_tradeoffs(out, *args, generator=torch.Generator().manual_seed(seed))
     return out
 
 
@@ -75,13 +70,13 @@ def test_dirichlet_tradeoffs_depend_only_on_the_seed():
 
 
 def test_typical_tradeoffs_are_the_corners_and_the_balanced_one():
-    assert typical_tradeoffs(2).tolist() == [[1, 0], [0.5, 0.5], [0, 1]]
-    three = typical_tradeoffs(3)
+    assert points.typical_tradeoffs(2).tolist() == [[1, 0], [0.5, 0.5], [0, 1]]
+    three = points.typical_tradeoffs(3)
     assert on_simplex(three) and len(three) == 4
     assert {tuple(row) for row in torch.eye(3).tolist()} < {tuple(row) for row in three.tolist()}
 
 
 @pytest.mark.parametrize("text", ("0.8,0.2", " .8, 2e-1", "0.80,0.20"))
 def test_a_tradeoff_is_parsed_from_text(text):
-    assert parse_tradeoff(text, ("run", "energy")) == (0.8, 0.2)
-    assert parse_tradeoff("4,1,0", ("a", "b", "c")) == (4, 1, 0)
+    assert points.parse_tradeoff(text, ("run", "energy")) == (0.8, 0.2)
+    assert points.parse_tradeoff("4,1,0", ("a", "b", "c")) == (4, 1, 0)
