@@ -241,9 +241,9 @@ def measured(job: Job, fronts: Path | None, device: str | None) -> list[dict[str
 
 def fronts_that_count(policy: Policy) -> dict[str, Front]:
     """Evaluate policies in episodes that are not those of training, without and with noise."""
-    config, m = policy.config, len(policy.objectives)
+    config = policy.config
     noisy = config.with_task(reset_noise=NOISE)
-    evaluator = make_evaluator(policy.agent, noisy, m, seeds=EPISODES, seed=FRESH)
+    evaluator = make_evaluator(policy.agent, noisy, seeds=EPISODES, seed=FRESH)
     evaluator.compile()
     best = evaluate(policy, device=config.device, seed=FRESH)
     return {"best": best, "noised": evaluator.evaluate()}

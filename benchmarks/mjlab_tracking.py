@@ -81,8 +81,7 @@ def main(
 
 def fronts(agent: Any, config: Config, tradeoffs: int, episodes: int, seed: int) -> list[Front]:
     """Return fronts of two sets of episodes."""
-    m = len(config.task.objectives)
-    evaluator = make_evaluator(agent, config, m, "latched", tradeoffs, episodes, seed, sets=2)
+    evaluator = make_evaluator(agent, config, "latched", tradeoffs, episodes, seed, sets=2)
     evaluator.compile()
     return evaluator.evaluate_sets()
 

@@ -48,11 +48,10 @@ def walk(agent: Any, config: Config, tradeoffs: int, episodes: int, seed: int) -
         episodes: E, of each policy.
         seed: of the episodes.
     """
-    m = len(config.task.objectives)
-    means = make_evaluator(agent, config, m, "latched", tradeoffs, episodes, seed, sets=2)
+    means = make_evaluator(agent, config, "latched", tradeoffs, episodes, seed, sets=2)
     means.compile()
     front, trial = means.evaluate_sets()
-    each = make_evaluator(agent, config, m, "latched", tradeoffs, 1, seed, sets=episodes)
+    each = make_evaluator(agent, config, "latched", tradeoffs, 1, seed, sets=episodes)
     each.compile()
     returns = np.stack([one.returns for one in each.evaluate_sets()])
     walks = Walks(trial, returns, 0, None)

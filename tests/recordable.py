@@ -43,7 +43,7 @@ def check_recordable(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     learner = MORLAX(config.make_worlds(config.worlds, config.seed), config)
     learner.iterate()
     m = len(learner.env.objectives)
-    evaluator = make_evaluator(learner.agent, config, m, "latched", 2 * m, seeds=2, sets=2)
+    evaluator = make_evaluator(learner.agent, config, "latched", 2 * m, seeds=2, sets=2)
     evaluator._one_step()  # compiles and allocates, as the iteration did
     # while it is recorded, it does not look at numbers either
     monkeypatch.setattr(hypernetwork, "on_simplex", lambda conditions, _: conditions)

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor, equal
 
+from morlax_torch.runs import Run
+
 
 def assert_same(one: object, other: object) -> None:
     """Equal to the last bit, however nested."""
@@ -26,6 +28,12 @@ def assert_same(one: object, other: object) -> None:
 def csv_rows(path: Path | str) -> list[dict[str, str]]:
     with Path(path).open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+def rows_of(run: Run) -> list[dict[str, str]]:
+    """Return what metrics.csv of a run holds: nothing before its first evaluation."""
+    file = run.folder / "metrics.csv"
+    return csv_rows(file) if file.exists() else []
 
 
 def reference(robot: str) -> dict[str, np.ndarray]:

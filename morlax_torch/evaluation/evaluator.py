@@ -289,7 +289,6 @@ def usual_tradeoffs(config: Config, protocol: Protocol) -> int:
 def make_evaluator(
     agent: Agent,
     config: Config,
-    num_objectives: int,
     protocol: Protocol | None = None,
     tradeoffs: int | None = None,
     seeds: int | None = None,
@@ -307,9 +306,9 @@ def make_evaluator(
     config.check_protocol(protocol)
     tradeoffs = usual_tradeoffs(config, protocol) if tradeoffs is None else tradeoffs
     seeds = config.evaluation.seeds if seeds is None else seeds
-    points = evaluation_tradeoffs(tradeoffs, num_objectives)  # refuses too few
+    points = evaluation_tradeoffs(tradeoffs, agent.num_objectives)  # refuses too few
     if protocol != "latched":
-        points = dirichlet_tradeoffs(tradeoffs, num_objectives)
+        points = dirichlet_tradeoffs(tradeoffs, agent.num_objectives)
     # new worlds may seed torch's own generator, from which training worlds may draw
     with drawing_from(torch.Generator(resolve_device(config.device))):
         env = evaluation_worlds(config, tradeoffs * bodies, seeds, seed, sets, group)

@@ -249,9 +249,9 @@ class Session:
 
 def make_evaluator(learner: Learner) -> Evaluator:
     """Make the evaluator of a learner's agent; a random task has a second set, to choose by."""
-    config, m, group = learner.config, len(learner.env.objectives), learner.group
+    config, group = learner.config, learner.group
     sets, number = SETS if config.task.for_evaluation().varies else 1, bodies(config)
-    return evaluator_of(learner.agent, config, m, sets=sets, group=group, bodies=number)
+    return evaluator_of(learner.agent, config, sets=sets, group=group, bodies=number)
 
 
 def bodies(config: Config) -> int:  # that evaluations have

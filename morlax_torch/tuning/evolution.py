@@ -4,16 +4,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ..envs.errors import MorlaxError, installation
+from ..envs.bridges.foreign import require
 
-try:
-    import optuna
-    from optuna.distributions import FloatDistribution
-    from optuna.study import StudyDirection
-    from optuna.trial import TrialState
-except ImportError as error:
-    needed = f"this search needs {error.name}, which is not installed: {installation('optuna')}."
-    raise MorlaxError(needed) from None
+require("Optuna", "optuna", "5.0", "optuna")
+
+import optuna
+from optuna.distributions import FloatDistribution
+from optuna.study import StudyDirection
+from optuna.trial import TrialState
 
 optuna.logging.set_verbosity(optuna.logging.ERROR)
 

@@ -250,16 +250,16 @@ def test_a_family_without_designs_trains_as_the_usual_robot_bit_for_bit():
 def test_evaluations_of_many_bodies_are_those_of_each_alone():
     config = small(**{"task.design": {"calf": 0.25}})
     learner = learner_of(config, 1)
-    agent, m = learner.agent, 2
-    together = make_evaluator(agent, config, m, bodies=3).evaluate().parts(3)
-    own = make_evaluator(agent, config, m).evaluate()
+    agent = learner.agent
+    together = make_evaluator(agent, config, bodies=3).evaluate().parts(3)
+    own = make_evaluator(agent, config).evaluate()
     np.testing.assert_allclose(together[0].returns, own.returns, rtol=1e-4)
     assert np.array_equal(together[0].tradeoffs, own.tradeoffs)
     policy = morlax_torch.Policy(agent, config, learner.env.objectives)
     space = DesignSpace(agent.designs)
     for front, design in zip(together[1:], held_out(learner.env, 3)[1:], strict=True):
         other = policy.for_design(space.named(design))
-        alone = make_evaluator(other.agent, other.config, m).evaluate()
+        alone = make_evaluator(other.agent, other.config).evaluate()
         np.testing.assert_allclose(front.returns, alone.returns, rtol=1e-3)
     assert np.ptp([front.returns.sum() for front in together]) > 0
 

@@ -310,7 +310,7 @@ def test_an_evaluator_leaves_training_worlds_their_draws(make_agent):
     agent, config = make_agent(13, 4), tiny(f"{__file__}:Shared", **{"task.reset_noise": 0.01})
     training = config.make_worlds(4, seed=3)
     state = training.generator.get_state()
-    evaluator = make_evaluator(agent, config, 2)
+    evaluator = make_evaluator(agent, config)
     assert torch.equal(training.generator.get_state(), state)
     evaluator.evaluate()
     assert torch.equal(training.generator.get_state(), state)

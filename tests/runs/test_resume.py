@@ -9,7 +9,7 @@ import pytest
 import tiny as small
 import torch
 from crowd import Crowd
-from same import assert_same
+from same import assert_same, rows_of
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.summary.writer import event_file_writer
 from tiny import learner as trainer
@@ -19,7 +19,7 @@ from morlax_torch import envs
 from morlax_torch.configuration.config import Config
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
-from morlax_torch.runs.progress import Evaluation, Progress, best_row, kept_fronts, read_rows
+from morlax_torch.runs.progress import Evaluation, Progress, best_row, kept_fronts
 from morlax_torch.runs.training import make_evaluator
 from morlax_torch.train import train
 
@@ -36,10 +36,6 @@ CASES: dict[str, dict[str, Any]] = {
 def tiny(env: str = "hopper", **changes: Any) -> Config:
     more = {"sampling.clusters": 8, "evaluation.tradeoffs": 8, "decay_fraction": 0.0}
     return small.tiny(env, **{**more, **changes})
-
-
-def rows(run: Run) -> list[dict[str, str]]:
-    return read_rows(run.folder / "metrics.csv")
 
 
 @pytest.mark.parametrize(
@@ -70,8 +66,8 @@ def test_a_resumed_run_ends_like_an_uninterrupted_one(tmp_path):
         one, other = (checkpoint.load(r.checkpoints / f"{name}.pt") for r in (whole, halves))
         assert_same(one.learner, other.learner)
     indicators = ("iteration", "env_steps", "hypervolume", "sparsity", "cardinality")
-    assert [[row[name] for name in indicators] for row in rows(whole)] == [
-        [row[name] for name in indicators] for row in rows(halves)
+    assert [[row[name] for name in indicators] for row in rows_of(whole)] == [
+        [row[name] for name in indicators] for row in rows_of(halves)
     ]
 
 
@@ -218,7 +214,7 @@ def test_a_kill_between_any_two_writes_leaves_the_best_checkpoint_with_its_row(
         train(tiny(**{"max_env_steps": 32, "evaluation.every": 32}), output=tmp_path / "run")
     assert (left < 0) == (writes < 16)
     run = train(tiny(**{"evaluation.every": 4096}), Run.open(tmp_path / "run"))
-    table, best = rows(run), checkpoint.load(run.checkpoints / "best.pt")
+    table, best = rows_of(run), checkpoint.load(run.checkpoints / "best.pt")
     numbers = [int(row["iteration"]) for row in table]
     assert numbers in ([0, 2], [0, 1, 2])
     assert sorted(int(file.stem) for file in kept_fronts(run.folder)) == numbers

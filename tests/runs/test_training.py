@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import tiny as small
 import torch
-from same import assert_same
+from same import assert_same, rows_of
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tiny import iterate
 
@@ -24,7 +24,7 @@ from morlax_torch.configuration.files import merged, task_values
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.policy import Policy
 from morlax_torch.runs import checkpoint
-from morlax_torch.runs.progress import Evaluation, kept_fronts, read_rows
+from morlax_torch.runs.progress import Evaluation, kept_fronts
 from morlax_torch.runs.run import Run, is_training, milestone
 from morlax_torch.train import train
 
@@ -39,10 +39,6 @@ def trainer(config: Config, iterations: int) -> MORLAX:
     morlax = small.learner(config)
     iterate(morlax, iterations)
     return morlax
-
-
-def metrics(run: Run) -> list[dict[str, str]]:
-    return read_rows(run.folder / "metrics.csv")
 
 
 def test_runs_that_begin_at_once_get_a_folder_each(workplace, monkeypatch):
@@ -102,7 +98,7 @@ def test_the_desired_kl_decays_instead_of_a_rate_that_adapts_to_it():
 
 def test_a_run_folder_holds_metrics_front_and_checkpoints(tmp_path):
     run = train(tiny(), output=tmp_path / "run")
-    rows = metrics(run)
+    rows = rows_of(run)
     assert [row["env_steps"] for row in rows] == ["0", "160", "320"]
     assert set(rows[0]) == {
         *("iteration", "env_steps", "train_seconds", "total_seconds", "steps_per_second"),
@@ -128,7 +124,7 @@ def test_a_run_keeps_the_fronts_of_its_growth_and_the_newest_but_few_of_a_long_r
 
 def test_of_fronts_short_of_the_reference_point_the_last_is_the_best(tmp_path):
     far = {"task": {"reference_point": [1e9, 1e9]}}
-    rows = metrics(train(tiny(**far), output=tmp_path / "run"))
+    rows = rows_of(train(tiny(**far), output=tmp_path / "run"))
     assert [float(row["hypervolume"]) for row in rows] == [0.0, 0.0, 0.0]
     assert [row["best"] for row in rows] == ["1", "1", "1"]
 
@@ -138,7 +134,7 @@ def test_a_few_seconds_of_training_raise_the_hypervolume(tmp_path):
     small["evaluation"] = {"tradeoffs": 8}
     config = load_config(merged(task_values("cheetah", "cpu"), small))
     run = train(config, output=tmp_path / "run")
-    hypervolumes = [float(row["hypervolume"]) for row in metrics(run)]
+    hypervolumes = [float(row["hypervolume"]) for row in rows_of(run)]
     assert hypervolumes[0] < 1.2e6
     assert hypervolumes[-1] > 1.8e6
 
@@ -199,7 +195,7 @@ def test_training_in_a_thread_reports_every_evaluation(tmp_path):
     thread.start()
     thread.join()
     assert [evaluation.env_steps for evaluation in found] == [0, 160, 320]
-    rows = metrics(Run.open(tmp_path / "run"))
+    rows = rows_of(Run.open(tmp_path / "run"))
     assert [str(e.hypervolume) for e in found] == [row["hypervolume"] for row in rows]
     assert signal.getsignal(signal.SIGINT) is usual
 
@@ -236,7 +232,7 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
     assert iterations(tmp_path / "run") >= 5  # training went on while the evaluation was written
     with torch.inference_mode():  # where a user evaluates, too
         resumed = train(config, Run.open(tmp_path / "run"))
-    assert [row["env_steps"] for row in metrics(resumed)] == ["0", "160", "320"]
+    assert [row["env_steps"] for row in rows_of(resumed)] == ["0", "160", "320"]
 
 
 def test_nohup_protects_a_run_from_its_terminal():

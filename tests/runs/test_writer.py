@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 import torch
-from same import csv_rows
+from same import rows_of
 from tiny import learner, tiny
 
 from morlax_torch import MorlaxError
@@ -58,18 +58,13 @@ class Trial:
 
     @property
     def rows(self) -> list[int]:
-        return [int(row["iteration"]) for row in rows(self.run)]
+        return [int(row["iteration"]) for row in rows_of(self.run)]
 
     @property
     def latest(self) -> int:
         learner = checkpoint.load(self.run.checkpoints / "latest.pt").learner
         assert learner is not None
         return learner["iteration"]
-
-
-def rows(run: Run) -> list[dict[str, str]]:
-    file = run.folder / "metrics.csv"
-    return csv_rows(file) if file.exists() else []
 
 
 @pytest.fixture
@@ -153,7 +148,7 @@ def test_a_full_disk_ends_training_with_one_error(tmp_path, monkeypatch, capfd):
     assert capfd.readouterr() == ("", "")
     monkeypatch.undo()
     resumed = train(tiny(max_env_steps=160), Run.open(trial.run.folder))
-    assert [row["iteration"] for row in rows(resumed)] == ["0", "2", "3", "4", "5"]
+    assert [row["iteration"] for row in rows_of(resumed)] == ["0", "2", "3", "4", "5"]
 
 
 def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
@@ -236,9 +231,9 @@ def test_the_share_of_a_run_that_is_over_is_that_of_the_nearer_limit(limits, don
 def test_a_run_with_spaced_evaluations_has_a_first_and_a_last_one_and_resumes(tmp_path):
     config = tiny(**{"evaluation.every": None})
     run = train(config, output=tmp_path / "run")
-    assert [row["iteration"] for row in rows(run)][:: len(rows(run)) - 1] == ["0", "2"]
+    assert [row["iteration"] for row in rows_of(run)][:: len(rows_of(run)) - 1] == ["0", "2"]
     assert (run.checkpoints / "best.pt").exists()
     longer = config.model_copy(update={"max_env_steps": 320})
     resumed = train(longer, Run.open(run.folder))
-    reached = [int(row["iteration"]) for row in rows(resumed)]
+    reached = [int(row["iteration"]) for row in rows_of(resumed)]
     assert reached == sorted(set(reached)) and {0, 2, 10} <= set(reached)
