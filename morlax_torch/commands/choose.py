@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field, PositiveFloat
 from rich.table import Column, Table
@@ -11,9 +11,6 @@ from ..envs import MorlaxError
 from ..host.files import write_file
 from .terminal import cli
 from .terminal.arguments import Device, Limits, OfRun, arg, parse
-
-if TYPE_CHECKING:
-    from ..evaluation.requirements import Choice
 
 
 class Choose(OfRun, Limits):
@@ -81,7 +78,13 @@ def command(arguments: Sequence[str]) -> None:
         front = loading.load_front(options.run)
         chooser = Chooser(policy, front, options.seeds, options.seed)
         choice = chooser.choose(least, options.maximize, most, options.margin)
-    _show(choice)
+    kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
+    numbers = (Column(head, justify="right") for head in (*kinds, "required", "margin"))
+    table = Table("value", *numbers, box=None)
+    for name, promised, *cells in choice.rows(".5g"):
+        table.add_row(name, *([promised] if choice.simulated else []), *cells)
+    for part in (table, *choice.remarks()):
+        cli.console.print(part)
     weights = shown(choice.tradeoff)
     how = f"{choice.simulated} that were simulated" if choice.simulated else "those evaluated"
     cli.console.print(f"trade-off: {weights} (best of {how})")
@@ -137,23 +140,3 @@ def _over_time(options: Choose, least: dict[str, float], most: dict[str, float])
     cli.console.print(table)
     cli.console.print(f"written: {file}", soft_wrap=True)
     cli.print_command("to see the robot", options.use("record", "--tradeoff", str(file)))
-
-
-def _show(choice: "Choice") -> None:
-    """Print promised and simulated, or evaluated values, margins and the cost."""
-    required = choice.required
-    kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
-    numbers = (Column(head, justify="right") for head in (*kinds, "required", "margin"))
-    table = Table("value", *numbers, box=None)
-    for name, promised, *cells in choice.rows(".5g"):
-        table.add_row(name, *([promised] if choice.simulated else []), *cells)
-    cli.console.print(table)
-    if required.limits:
-        best = choice.values[required.maximized] + choice.cost
-        cli.console.print(
-            f"cost of the requirements: {choice.cost:.4g} of "
-            f"{required.names[required.maximized]}, which reaches {best:.5g} without them"
-        )
-    if choice.falls:
-        broken = ", which breaks every requirement" if required.limits else ""
-        cli.console.print(f"falls: in {choice.falls:.0%} of its episodes{broken}")

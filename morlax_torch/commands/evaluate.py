@@ -34,11 +34,9 @@ class Evaluate(Trusting):
     """Number of trade-offs: an even grid for two objectives; the corners and fixed random draws for
     more (None: as in training, or the 1024 random draws of another protocol)."""
     protocol: Protocol | None = None
-    """How returns are counted (None: as in training). latched: up to and including the first failed
-    step. paper: as in the paper's tables, which draw trade-offs at random; failed steps earn no
-    reward, and the reward of the reset is added. discounted: as C-MORL and D3PO on MO-Gymnasium's
-    tasks, by 0.99 per step, over at most 500 steps; the reference point is -100 in every
-    objective."""
+    """How returns are counted (docs/evaluation.md). latched: up to and including the first failed
+    step; paper: as in the paper's tables; discounted: as in the tables of C-MORL and D3PO (None: as
+    in training)."""
     device: Device = None
     backend: str | None = None
     """Simulator: warp or mujoco (None: chosen by device)."""

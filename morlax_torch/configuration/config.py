@@ -132,11 +132,6 @@ class Config(Section):
         corners = self.sampling.corners
         return num_objectives if corners is None else corners
 
-    @property
-    def off_policy(self) -> bool:
-        """Whether critics value a state and an action, twice."""
-        return isinstance(self.method, sections.HyperSACOptions)
-
     @pydantic.model_validator(mode="after")
     def _consistent(self, info: ValidationInfo) -> Self:
         if info.context == DRAFT:
@@ -183,7 +178,7 @@ class Config(Section):
             raise unknown("objective", objective, self.task.objectives)
         if self.ppo.critic == "scalar":
             raise ValueError(f"scalarization {name} needs ppo.critic vector")
-        if self.off_policy:
+        if self.method.off_policy:
             raise ValueError(
                 f"algorithm {self.algorithm} needs weighted sums: leave out scalarization"
             )
@@ -228,7 +223,7 @@ class Config(Section):
                 f"try --method.batch {max(1, batch // K) * K}"
             )
         dealt = self.worlds if self.sampling.mode == "dense" else self.worlds // K
-        if not self.off_policy and dealt % self.ppo.minibatches:
+        if not self.method.off_policy and dealt % self.ppo.minibatches:
             raise ValueError(
                 f"ppo.minibatches ({self.ppo.minibatches}) must divide the {dealt} worlds of a "
                 f"cluster ({self.worlds} worlds / {K} clusters)"

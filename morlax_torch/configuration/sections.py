@@ -137,6 +137,8 @@ class EvaluationConfig(Section):
 class MethodOptions(Section):
     """Options of an algorithm that has none of its own."""
 
+    off_policy: ClassVar[bool] = False  # critics value a state and an action, twice
+
 
 class HyperMORLOptions(MethodOptions):
     """HYPER-MORL has no options, but a constant."""
@@ -154,6 +156,7 @@ class RslRlOptions(MethodOptions):
 class HyperSACOptions(MethodOptions):
     """Options of hyper-sac."""
 
+    off_policy: ClassVar[bool] = True
     start: ClassVar[int] = 5_000  # transitions to store before the first gradient step
     target_rate: ClassVar[float] = 0.01  # step of the target critics, per gradient step
     steps: ClassVar[int] = 3  # rewards of a target before the value of the state that follows

@@ -158,6 +158,20 @@ class Choice(NamedTuple):
         """(m + q,) returns, then quantities."""
         return np.array([*self.returns.values(), *self.quantities.values()])
 
+    def remarks(self) -> list[str]:
+        """Say what the requirements cost, and how often the policy falls, if at all."""
+        required, sentences = self.required, []
+        if required.limits:
+            best = self.values[required.maximized] + self.cost
+            sentences.append(
+                f"cost of the requirements: {self.cost:.4g} of "
+                f"{required.names[required.maximized]}, which reaches {best:.5g} without them"
+            )
+        if self.falls:
+            broken = ", which breaks every requirement" if required.limits else ""
+            sentences.append(f"falls: in {self.falls:.0%} of its episodes{broken}")
+        return sentences
+
     def rows(self, spec: str) -> list[list[str]]:
         """Return name, promised and simulated value, requirement and margin of each value used."""
         rows = []

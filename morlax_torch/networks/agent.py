@@ -159,7 +159,7 @@ class Agent(nn.Module):
         else:
             check_network("actor", actor, inputs, 2 * A)
         inputs += self.privileged_size
-        if config.off_policy:
+        if config.method.off_policy:
             critic = Twins(inputs + A, network.critic, self.num_values, generator)
         elif critic is None:
             critic = mlp(inputs, network.critic, self.num_values, generator)
@@ -179,8 +179,8 @@ class Agent(nn.Module):
         inputs = joined([seen.first(self.observation_size), condition])
         asymmetry = config.network.asymmetry
         actor = Symmetric(actor, inputs, joined([acted, spread]), asymmetry)
-        inputs = joined([seen, *([acted] if config.off_policy else []), condition])
-        values = none(2 * self.num_values if config.off_policy else self.num_values)
+        inputs = joined([seen, *([acted] if config.method.off_policy else []), condition])
+        values = none(2 * self.num_values if config.method.off_policy else self.num_values)
         return actor, Symmetric(critic, inputs, values, asymmetry)
 
     def check_sizes(self, env: Worlds) -> None:

@@ -167,8 +167,9 @@ class Chooser:
     def _best(self, candidates: "Candidates") -> tuple[int, np.ndarray, float]:
         """Return the best candidate, its values (m + q,), and the most without requirements."""
         source = "simulated" if self._evaluator else "evaluated"
-        ranked, free = candidates.ranked(source), candidates.unconstrained()
-        required, values = candidates.required, candidates.values
+        ranked, required, values = candidates.ranked(source), candidates.required, candidates.values
+        most = np.where(candidates.final, values[:, required.maximized], -np.inf)
+        free = int(np.where(np.isfinite(most), most, -np.inf).argmax())
         if not self._random or self._evaluator is None:
             return int(ranked[0]), values[ranked[0]], float(values[free, required.maximized])
         agent, env, protocol = self._evaluator.agent, self._evaluator.env, self._evaluator.protocol
@@ -226,15 +227,11 @@ class Candidates:
 
     def tell(self, tradeoffs: np.ndarray, promised: np.ndarray, values: np.ndarray) -> None:
         """Add simulated values (n, m + q) of proposed trade-offs (n, m)."""
-        for tradeoff, promise, value in zip(tradeoffs, promised, values, strict=True):
-            same = (self.tradeoffs == tradeoff).all(1)
-            if same.any():
-                self.values[same], self.final[same] = value, True
-                continue
-            self.tradeoffs = np.vstack([self.tradeoffs, tradeoff])
-            self.promised = np.vstack([self.promised, promise])
-            self.values = np.vstack([self.values, value])
-            self.final = np.append(self.final, True)
+        others = ~(self.tradeoffs[:, None] == tradeoffs).all(2).any(1)
+        self.tradeoffs = np.vstack([self.tradeoffs[others], tradeoffs])
+        self.promised = np.vstack([self.promised[others], promised])
+        self.values = np.vstack([self.values[others], values])
+        self.final = np.append(self.final[others], np.ones(len(tradeoffs), bool))
 
     def propose(self, number: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return up to `number` trade-offs (n, m), promises (n, m + q) and the best's chance."""
@@ -252,11 +249,6 @@ class Candidates:
         """Return which final trade-offs keep the requirements, best first."""
         rows = self.final.nonzero()[0]
         return rows[self.required.ranked(self.tradeoffs[rows], self.values[rows], source)]
-
-    def unconstrained(self) -> int:
-        """Return the index of the final trade-off that has most of the maximized value."""
-        value = self.values[:, self.required.maximized]
-        return int(np.where(self.final & np.isfinite(value), value, -np.inf).argmax())
 
     def _pool(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return trade-offs to simulate (n, m), promises and standard errors (n, m + q)."""

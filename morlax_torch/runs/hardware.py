@@ -36,10 +36,12 @@ class Machine(BaseModel):
         simulator = learner.env.simulator
         with suppress(PackageNotFoundError, ValueError):  # of a user's own worlds
             simulator = f"{simulator} {version(PACKAGES.get(simulator, simulator))}"
+        limited = hasattr(os, "sched_getaffinity")  # some systems cannot limit a process
+        cores = len(os.sched_getaffinity(0)) if limited else os.cpu_count() or 1
         return cls(
             device=device_name(learner.env.device),
             processes=learner.group.size,
-            cores=cores(),
+            cores=cores,
             torch=torch.__version__,
             simulator=simulator,
         )
@@ -77,9 +79,3 @@ def device_name(device: torch.device) -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
-
-
-def cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

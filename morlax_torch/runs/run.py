@@ -72,8 +72,7 @@ class Run:
     def create(cls, learner: Learner, output: AnyPath | None = None) -> Self:
         """Create a folder (None: runs/<task>/<time>-<seed>) with the config and a first checkpoint.
 
-        The folder is prepared beside its final place and then moved there, so that a killed
-        program leaves either a run that can be resumed or none. All processes of the learner's
+        A killed program leaves a run that can be resumed or none. All processes of the learner's
         group must call it; the first one writes.
         """
         config, contents = learner.config, checkpoint.snapshot(learner)

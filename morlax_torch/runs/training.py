@@ -226,7 +226,7 @@ class Session:
         if metrics["overflow"]:
             remedy = learner.env.remedy(int(metrics["overflow"]))
             raise self._failure(f"contacts overflowed their buffers in {span}: {remedy}")
-        section = "method" if learner.config.off_policy else "ppo"
+        section = "method" if learner.config.method.off_policy else "ppo"
         remedy = f"try a lower --{section}.learning-rate"
         if is_file(learner.config.scalarization):
             remedy += ", or a utility whose derivative is finite at all returns"

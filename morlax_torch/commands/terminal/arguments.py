@@ -183,8 +183,7 @@ class Train(Section):
     resume: Path | None = None
     """Continue the run in this folder, or in the newest (runs/TASK or latest); only limits,
     evaluation, device and backend may change. On a CPU and with a limit in steps, the result equals
-    that of an uninterrupted run bit for bit; on CUDA they differ as two runs of one seed do, by the
-    order of floating-point sums."""
+    that of an uninterrupted run bit for bit."""
     trust: bool = False
     """Let the resumed run import the Python files and modules that it names."""
     explore: bool = False
