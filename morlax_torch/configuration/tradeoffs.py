@@ -82,11 +82,8 @@ def even_tradeoffs(number: int, num_objectives: int) -> Tensor:
 
 
 def _lattice(number: int, num_objectives: int) -> Tensor:
-    """Return the points of the simplex whose weights are multiples of 1/H, at least 8 x `number`.
-
-    H is a multiple of m, so that the balanced trade-off is among them.
-    """
-    m = H = num_objectives
+    """Return points of the simplex whose weights are multiples of 1/H, at least 8 x `number`."""
+    m = H = num_objectives  # multiples of which have the balanced trade-off
     while math.comb(H + m - 1, m - 1) < 8 * number:
         H += m
     bars = torch.combinations(torch.arange(H + m - 1, device="cpu"), m - 1)
@@ -112,10 +109,7 @@ def dirichlet_tradeoffs(
 
 
 def evaluation_tradeoffs(number: int, num_objectives: int) -> Tensor:
-    """Return the fixed trade-offs (number, m) to evaluate a front by.
-
-    With two objectives they are an even grid; with more, the corners and Dirichlet draws.
-    """
+    """Return fixed trade-offs (number, m): an even grid if m is 2, else corners and draws."""
     _check_number(number, num_objectives)
     if num_objectives == 2:
         return even_tradeoffs(number, num_objectives)

@@ -126,12 +126,10 @@ def shown_lines(front: Front) -> NDArray[np.intp]:
 
 
 def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
-    """Overlay the fronts of several families, with one plot per pair of objectives.
+    """Overlay the fronts of families with the same objectives, with one plot per pair of these.
 
-    Of many pairs, only the MOST_PAIRS that conflict most in the first front are shown.
-
-    Policies dominated within their own family are left out. With two objectives, a line connects
-    the front, with markers on some of its points. All fronts must have the same objectives.
+    Of many pairs, only the MOST_PAIRS that conflict most in the first front are shown. Policies
+    dominated within their own family are left out. With two objectives, a line connects the front.
     """
     best = {name: front.returns[front.non_dominated] for name, front in fronts.items()}
     names, joined = next(iter(fronts.values())).shown, np.concatenate([*best.values()])
@@ -178,9 +176,8 @@ def designs_figure(
 ) -> Figure:
     """Plot the common front (n, m) of many bodies, colored by each of d design parameters in turn.
 
-    So it shows which bodies win where, beside the `usual` front (k, m) of the default body.
-    `designs` are (n, d), and `parameters` have units, such as "thigh (m)". Axes are the two
-    objectives that conflict most.
+    Axes are the two objectives that conflict most. `designs` are (n, d), `parameters` have units,
+    such as "thigh (m)", and `usual` (k, m) is the front of the default body.
     """
     (pair,) = conflicting_pairs(returns)
     x, y = returns[:, pair].T
@@ -197,10 +194,7 @@ def designs_figure(
 
 
 def quantities_figure(front: Front, title: str = "") -> Figure:
-    """Plot each measured quantity of every trade-off against the first one, colored by trade-off.
-
-    Policies with dominated returns are gray.
-    """
+    """Plot measured quantities against the first one, colored as returns in `front_figure`."""
     assert front.quantities is not None
     across, *others = front.quantities.T
     figure, plots = style.panels(len(others), 2, (4.0, 3.3), title, room=0.8)
@@ -217,9 +211,8 @@ def quantities_figure(front: Front, title: str = "") -> Figure:
 def returns_figure(front: Front, title: str = "") -> Figure:
     """Plot the return of each objective over the simplex of trade-offs.
 
-    With two objectives, both are plotted against the weight of the first. With three, each is a
-    map of the simplex, whose corners put all weight on one objective. With more, each is plotted
-    against its own weight.
+    With three objectives, each is a map of the simplex. With more, each is plotted against its own
+    weight, and with two, both are plotted against the weight of the first.
     """
     m, names = len(front.objectives), front.shown
     if m == 3:
@@ -291,10 +284,7 @@ def hypervolume_figure(histories: Mapping[str, Any], repeated: bool, title: str 
 
 
 def quartile_band(curves: Sequence[tuple[NDArray, NDArray]]) -> NDArray:
-    """Return x and the quartiles of curves (x, y), (4, E), where all curves have data.
-
-    There is a column for every x of a curve. Other curves are interpolated linearly.
-    """
+    """Return x and quartiles (4, E) of curves (x, y), for each x of one where all have data."""
     start, end = max(x[0] for x, _ in curves), min(x[-1] for x, _ in curves)
     grid = np.unique(np.concatenate([x for x, _ in curves]))
     grid = grid[(grid >= start) & (grid <= end)]

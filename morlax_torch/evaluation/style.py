@@ -130,10 +130,7 @@ def color_key(axes: Axes, names: Sequence[str]) -> None:
 
 
 def limits(values: NDArray) -> tuple[float, float]:
-    """Return the limits of an axis: the range of values, or its bulk if few lie far outside.
-
-    Values that are not finite are left out.
-    """
+    """Return the limits of an axis: the range of finite values, or its bulk if few lie far off."""
     values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
     low, high = float(values.min()), float(values.max())
     first, last = np.quantile(values, OUTLYING)

@@ -202,10 +202,7 @@ def save(policy: Policy, path: AnyPath) -> None:
 
 
 def load_front(run: AnyPath) -> Front:
-    """Load the front of the policies that `load` loads.
-
-    Its `checkpoint` names the file whose policies reached its returns, such as "best.pt".
-    """
+    """Load the front of the policies that `load` loads; its `checkpoint` names their file."""
     path = find_checkpoint(run)
     file = checkpoint.front_path(path)
     named = file.parent if file.name == "front.npz" else path  # the run of best.pt

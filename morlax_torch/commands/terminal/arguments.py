@@ -242,10 +242,7 @@ def _base_values(start: Train) -> dict[str, Any]:
 
 
 def values_over(start: Train, others: Sequence[str], base: Config | None = None) -> dict[str, Any]:
-    """Read options over a config, with --help-all as their help; return its plain values.
-
-    It is that of the file or task that the command line names, unless `base` is another one.
-    """
+    """Return the plain values of a config (None: that of the command line), and options over it."""
     base = base or load_config(_base_values(start), DRAFT)  # which the options may repair
     text = f"All options of a config, with the defaults of --env {base.env}, from configs/."
     words = ["--help" if word == HELP_ALL else word for word in others]
@@ -274,10 +271,7 @@ def placed(values: dict[str, Any], resumed: Config | None = None) -> Config:
 
 
 def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Train]":
-    """Read the command line of `train`: its config, the run to resume, and other options.
-
-    With --help, print the options that people use, and exit, without importing torch.
-    """
+    """Read the command line of `train`: its config, the run to resume, and other options."""
     if {"-h", "--help"} & set(arguments):
         print_help()
         sys.exit(0)
