@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, NonNegativeInt
+from rich.table import Table
 
 from ..envs import MorlaxError
 from ..host.files import make_folder
@@ -72,7 +73,13 @@ def command(arguments: Sequence[str]) -> None:
             weights, reached = shown(simulated.tradeoffs[row]), designer.reached(simulated, row)
             told = [f"body: {designer.body(best)}", f"trade-off: {weights} ({reached})"]
     default = grid.rows(slice(options.tradeoffs))
-    for part in (*designer.summary(default, grid, simulated, volume), *told):
+    without = grid.missing // options.tradeoffs
+    missing = f"; {without} bodies could not start" if without else ""
+    cli.console.print(f"{len(simulated.values):,} policies were simulated{missing}")
+    table = Table("front", "hypervolume", "policies", "bodies", box=None)
+    for row in designer.compared(default, grid, simulated, volume):
+        table.add_row(*row)
+    for part in (table, *designer.extremes(simulated), *told):
         cli.console.print(part)
     designer.write(folder, simulated, default, best)
     cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)

@@ -7,7 +7,6 @@ from typing import NamedTuple, Self
 import moocore
 import numpy as np
 import torch
-from rich.table import Table
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import evaluation_tradeoffs
@@ -38,6 +37,11 @@ class Simulated(NamedTuple):
 
     def rows(self, which: np.ndarray | slice) -> Self:
         return type(self)(*(column[which] for column in self))
+
+    @property
+    def missing(self) -> int:
+        """Number of policies whose design makes no body."""
+        return int(np.isnan(self.returns).any(1).sum())
 
     @property
     def returns(self) -> np.ndarray:
@@ -135,23 +139,20 @@ class Designer:
         values = zip(names, simulated.values[row], strict=True)
         return ", ".join(f"{name} {value:.4g}" for name, value in values)
 
-    def summary(
+    def compared(
         self, default: Simulated, grid: Simulated, simulated: Simulated, best: float
-    ) -> Iterator[str | Table]:
-        """Compare the fronts of one body and of all, and yield the most of each objective."""
-        without = int(np.isnan(grid.returns).any(1).sum()) // len(default.values)
-        missing = f"; {without} bodies could not start" if without else ""
-        yield f"{len(simulated.values):,} policies were simulated{missing}"
-        table = Table("front", "hypervolume", "policies", "bodies", box=None)
+    ) -> Iterator[tuple[str, ...]]:
+        """Yield rows: a front, its hypervolume, and its numbers of policies and of bodies."""
         parts = {"default body": default, "bodies spread evenly": grid, "and refined": simulated}
         for name, part in parts.items():
             front = part.rows(pareto.non_dominated(part.returns))
             bodies = len(np.unique(front.designs, axis=0))
-            volume = f"{self.hypervolume(part):.4e}"
-            table.add_row(name, volume, str(len(front.values)), str(bodies))
+            yield name, f"{self.hypervolume(part):.4e}", str(len(front.values)), str(bodies)
             if part is default:
-                table.add_row("best body", f"{best:.4e}", "", "1")
-        yield table
+                yield "best body", f"{best:.4e}", "", "1"
+
+    def extremes(self, simulated: Simulated) -> Iterator[str]:
+        """Say which policy has most of each objective."""
         for index, name in enumerate(self.policy.objectives):
             row = int(np.nanargmax(simulated.returns[:, index]))
             body = self.body(simulated.designs[row])
