@@ -110,7 +110,7 @@ class Policy(nn.Module):
                 array = np.asarray(observation)
                 if array.dtype.kind == "f":  # torch takes no negative strides or other byte order
                     array = np.array(array, np.float32, order="C")
-                observation = torch.as_tensor(array, device=self._device)
+                observation = torch.as_tensor(array, device=self.device)
             except (TypeError, ValueError):
                 raise MorlaxError(
                     f"observations consist of numbers, not {shortened(observation)}."
@@ -126,10 +126,10 @@ class Policy(nn.Module):
         return observation.float()
 
     @property
-    def _device(self) -> torch.device:
+    def device(self) -> torch.device:
         return self.agent.observation_normalizer.mean.device
 
     def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
         """Return a plain module for one trade-off (m,), with normalizer and tanh inside."""
-        fixed = self.agent.specialize(one_tradeoff(tradeoff, self.objectives, self._device))
+        fixed = self.agent.specialize(one_tradeoff(tradeoff, self.objectives, self.device))
         return fixed.requires_grad_(False)

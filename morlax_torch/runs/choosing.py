@@ -104,7 +104,8 @@ class Chooser:
         self._random = policy is not None and policy.config.task.for_evaluation().varies
         self._falls: dict[tuple[float, ...], float] = {}  # by trade-off, in its last episodes
         self._evaluator: Evaluator | None = None
-        if front is not None and (policy is None or _lacks_gpu(policy)):
+        needs_gpu = policy is not None and get(policy.config.env).needs_gpu
+        if front is not None and (policy is None or (needs_gpu and policy.device.type == "cpu")):
             if seeds is not None:
                 reason = "of a Front alone" if policy is None else "without a GPU"
                 raise MorlaxError(f"nothing is simulated {reason}: leave seeds out.")
@@ -353,11 +354,6 @@ def trials(policy: Policy, tradeoff: Sequence[float], seed: int = 0) -> dict[str
     return results
 
 
-def _lacks_gpu(policy: Policy) -> bool:
-    on_cpu = policy.agent.observation_normalizer.mean.device.type == "cpu"
-    return on_cpu and get(policy.config.env).needs_gpu
-
-
 def simulator(
     policy: Policy, tradeoffs: int, seeds: int | None, seed: int, alone: bool = True
 ) -> Evaluator:
@@ -365,8 +361,7 @@ def simulator(
     if seeds is None:
         varies = policy.config.task.for_evaluation().varies
         seeds = max(policy.config.evaluation.seeds, RANDOM_SEEDS) if varies else 1
-    device = str(policy.agent.observation_normalizer.mean.device)
-    config = policy.config.model_copy(update={"device": device, "backend": None})
+    config = policy.config.model_copy(update={"device": str(policy.device), "backend": None})
     env = evaluation_worlds(config, tradeoffs, seeds, seed)
     # others follow
     points = torch.ones(tradeoffs, len(policy.objectives), dtype=torch.float32, device="cpu")

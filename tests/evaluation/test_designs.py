@@ -56,11 +56,6 @@ def bank_of(env, number: int = 12):
     return compile_bank(env, DesignSpace(env.designs).spread(number, seed=3))
 
 
-def fresh(task: str, design: np.ndarray, number: int = 1, **others):
-    named = DesignSpace(envs.get(task).designs).named(design)
-    return envs.make(task, number, "cpu", design=named, **others)
-
-
 @pytest.mark.parametrize("task", TASKS)
 def test_the_default_body_is_that_of_the_usual_robot(task):
     usual = envs.make({"design/cheetah": "cheetah3"}.get(task, task[7:]), 1, "cpu", "mujoco")
@@ -97,7 +92,8 @@ def test_a_world_moves_as_one_that_is_compiled_alone(task, backend):
     random = torch.Generator().manual_seed(0)
     actions = torch.rand(200, 1, env.action_size, generator=random) * 2 - 1
     one = {"backend": backend, "deterministic": backend == "warp"}
-    alone = [fresh(task, bank.designs[row], **one) for row in (1, 7, 4)]
+    designs = [DesignSpace(env.designs).named(bank.designs[row]) for row in (1, 7, 4)]
+    alone = [envs.make(task, 1, "cpu", design=design, **one) for design in designs]
     for action in actions:
         step = env.step(action.expand(3, -1))
         steps = [each.step(action) for each in alone]

@@ -105,10 +105,7 @@ def test_expected_utility_is_the_mean_utility_of_the_best_points():
 
 
 def test_igd_plus_is_the_mean_distance_to_what_dominates_the_reference():
-    points, reference = (
-        [[4, 1], [1, 4]],
-        [[4, 5], [2, 0]],
-    )  # (4, 5) exceeds (1, 4) by 3 and 1
+    points, reference = [[4, 1], [1, 4]], [[4, 5], [2, 0]]  # (4, 5) exceeds (1, 4) by 3 and 1
     assert pareto.igd_plus(points, reference) == pytest.approx((10**0.5 + 0) / 2)
     assert pareto.igd_plus(np.full((3, 2), NAN), reference) == float("inf")
 

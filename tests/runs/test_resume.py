@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from morlax_torch import envs
 from morlax_torch.configuration.config import Config
+from morlax_torch.envs.devices import restore_generator
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.progress import Evaluation, Progress, best_row, kept_fronts
@@ -99,8 +100,6 @@ def test_a_run_moves_between_simulators_whose_state_differs(tmp_path):
 
 
 def test_a_generators_state_of_another_device_becomes_its_seed():
-    from morlax_torch.envs.devices import restore_generator
-
     cuda_state = torch.arange(16, dtype=torch.uint8)
     draws = []
     for _ in range(2):

@@ -187,11 +187,8 @@ def test_a_contact_overflow_stops_the_run_and_names_the_option_to_raise(tmp_path
 def test_training_in_a_thread_reports_every_evaluation(tmp_path):
     found, usual = [], signal.getsignal(signal.SIGINT)
 
-    def work() -> None:
-        config = tiny()
-        train(config, output=tmp_path / "run", on_evaluation=found.append)
-
-    thread = threading.Thread(target=work)
+    options = {"output": tmp_path / "run", "on_evaluation": found.append}
+    thread = threading.Thread(target=train, args=[tiny()], kwargs=options)
     thread.start()
     thread.join()
     assert [evaluation.env_steps for evaluation in found] == [0, 160, 320]

@@ -164,12 +164,7 @@ def test_a_writer_raises_the_first_error_once_and_drops_later_jobs():
     assert not list(writer.results())
 
 
-def planned(
-    progress: Progress,
-    iteration: int = 0,
-    device: str = "cpu",
-    **limits: Any,
-) -> Schedule:
+def planned(progress: Progress, iteration: int = 0, device: str = "cpu", **limits: Any) -> Schedule:
     """Return the schedule of a config that has these limits, and none else."""
     unlimited = {"max_env_steps": None, "max_seconds": None, "evaluation.every": None}
     config = tiny(**{**unlimited, "decay_fraction": 0.0, **limits})
