@@ -63,6 +63,7 @@ def train(
 
 
 if __name__ == "__main__":
-    from .commands.train import main
+    from .commands.terminal import cli
+    from .commands.train import command
 
-    main()
+    cli.run(command)

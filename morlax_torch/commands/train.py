@@ -76,7 +76,3 @@ def _page(run: Path) -> subprocess.Popen:
 
     threading.Thread(target=tell, daemon=True).start()
     return page
-
-
-def main() -> None:
-    cli.run(command)

@@ -16,10 +16,8 @@ from ..host.files import write_file
 
 FILE = "hardware.yaml"
 CPUS = Path("/proc/cpuinfo")
-PACKAGES = {  # by `Worlds.simulator`; others have the simulator's name
-    "C MuJoCo": "mujoco",
-    "MuJoCo Warp": "mujoco-warp",
-}
+# by `Worlds.simulator`; others have the simulator's name
+PACKAGES = {"C MuJoCo": "mujoco", "MuJoCo Warp": "mujoco-warp"}
 
 
 class Machine(BaseModel):

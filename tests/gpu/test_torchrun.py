@@ -32,8 +32,8 @@ CODE = """
 from datetime import timedelta
 from morlax_torch.gpu import group
 group.PATIENCE = timedelta(seconds=PATIENCE)
-from morlax_torch.commands.train import main
-main()
+from morlax_torch.commands import terminal, train
+terminal.cli.run(train.command)
 """
 PATIENT, IMPATIENT = (CODE.replace("PATIENCE)", f"{seconds})") for seconds in (100, 1))
 

@@ -18,6 +18,7 @@ from tiny import iterate
 
 from morlax_torch import MORLAX, MorlaxError
 from morlax_torch.commands import train as train_command
+from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.process import exiting_on_signals, interruptible
 from morlax_torch.configuration.config import Config, load_config
 from morlax_torch.configuration.files import merged, task_values
@@ -162,7 +163,7 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
     typed = "--env", "hopper", *small.TYPED[:-2], "--evaluation.every", "1280", "--output", "run"
     monkeypatch.setattr(sys, "argv", ["train", *typed])
     with pytest.raises(SystemExit) as exit:
-        train_command.main()
+        cli.run(train_command.command)
     assert exit.value.code == status and not is_training(Path("run"))
     output = " ".join(capsys.readouterr().out.split())
     assert "interrupted" in output and "train --resume run" in output
