@@ -286,7 +286,13 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Train]":
     if MAY_RESTART and start.output is None:
         raise MorlaxError("torchrun --max-restarts needs --output FOLDER, to go on from there.")
     if MAY_RESTART and start.output and (start.output / "config.yaml").is_file():
-        return config, _restarted(start.output), start
+        from ...runs import checkpoint
+        from ...runs.run import Run, taken
+
+        latest = start.output / "checkpoints" / "latest.pt"
+        if FIRST and checkpoint.load(latest).progress.launch != launch():  # another launch began it
+            raise taken(start.output)
+        return config, Run.open(start.output), start
     return config, None, start
 
 
@@ -310,14 +316,3 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
     mistake, remedy = "a resumed run keeps its config", "leave that out, or start a new run"
     check_resumable(base, config, mistake, remedy)
     return config, run
-
-
-def _restarted(output: Path) -> "Run":
-    """Open the run that this launch of `torchrun` began; raise MorlaxError if another did."""
-    from ...runs import checkpoint
-    from ...runs.run import Run, taken
-
-    latest = output / "checkpoints" / "latest.pt"
-    if FIRST and checkpoint.load(latest).progress.launch != launch():  # which ends the others
-        raise taken(output)
-    return Run.open(output)

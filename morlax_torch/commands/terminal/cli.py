@@ -41,34 +41,29 @@ def print_command(why: str, command: str) -> None:
     console.print(f"{why}: {command}", soft_wrap=True)
 
 
-class Live:
+class Live(ExitStack):
     """Shows the phases of the work inside; on a file or pipe, after a LONGEST_SILENCE or two."""
 
     def __init__(self) -> None:
+        super().__init__()
         text = TextColumn("{task.description}", markup=False)
-        self._moving = Progress(
-            *(BarColumn(bar_width=8), text, TimeElapsedColumn()),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
+        columns = BarColumn(bar_width=8), text, TimeElapsedColumn()
+        hidden = not console.is_terminal
+        self._moving = Progress(*columns, console=console, transient=True, disable=hidden)
         self._moving.add_task("starting", total=None)
         (self._task,) = self._moving.tasks
-        self._told, self._over, self._open = False, threading.Event(), ExitStack()
+        self._told, self._over = False, threading.Event()
 
     def describe(self, name: str, share: float | None) -> str:
         return name if share is None else f"{name} {share:.0%}"
 
     def __enter__(self) -> Self:
-        self._open.enter_context(heard_by(self.show))
-        self._open.enter_context(self._moving)
+        self.callback(self._over.set)
+        self.enter_context(heard_by(self.show))
+        self.enter_context(self._moving)
         if not console.is_terminal:
             threading.Thread(target=self._tell, daemon=True).start()
         return self
-
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
-        self._over.set()
 
     def _tell(self) -> None:
         while not self._over.wait(LONGEST_SILENCE):
