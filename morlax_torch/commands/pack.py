@@ -39,7 +39,7 @@ def command(arguments: Sequence[str]) -> None:
             "(RUN ... --web FOLDER)."
         )
     with cli.Live():
-        from ..runs.loading import trust_run  # imports torch
+        from ..runs.loading import pack, trust_run  # imports torch
 
         for run in runs:
             trust_run(run, options.trust, options.env)
@@ -50,8 +50,6 @@ def command(arguments: Sequence[str]) -> None:
             cli.console.print(f"written: {web} ({size:.1f} MB)")
             cli.print_command("see it", f"python -m http.server -d {shlex.quote(str(web))}")
             return
-        from ..runs.loading import pack
-
         folder = Path(options.runs[1])
         front = pack(runs[0], folder, options.device)
         size = sum(path.stat().st_size for path in folder.rglob("*.*")) / 1e6

@@ -260,13 +260,12 @@ def hypervolume_figure(histories: Mapping[str, Any], repeated: bool, title: str 
     other seeds are thin lines instead, overlaid with their median and interquartile range.
     """
     figure, plots = style.panels(2, 2, (4.5, 3.7), title)
+    looks = style.distinct(len(histories))
     for axes, (name, label) in zip(plots, SCALES, strict=True):
         curves = [(getattr(history, name), history.hypervolume) for history in histories.values()]
         style.lattice(axes, label)
         if not repeated:
-            for run, curve, look in zip(
-                histories, curves, style.distinct(len(curves)), strict=True
-            ):
+            for run, curve, look in zip(histories, curves, looks, strict=True):
                 axes.plot(*curve, **look, lw=1, ms=3.5, label=run)
             continue
         for k, curve in enumerate(curves):

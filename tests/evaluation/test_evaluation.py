@@ -73,7 +73,6 @@ class Scripted:
         return torch.full((3, 3), float(self.t))
 
     def step(self, action: torch.Tensor) -> TimeStep:
-
         reward, failed = self.REWARD[self.t].expand(3, 2), self.FAILED[:, self.t]
         reward = torch.where(self.moving[:, None], reward, torch.nan)
         self.t += 1
