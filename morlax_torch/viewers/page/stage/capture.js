@@ -35,7 +35,6 @@ export class Capture {
     });
   }
 
-  /** Copy the present drawing. */
   copy() {
     const { canvas, view, labels } = this;
     const context = canvas.getContext("2d");
@@ -55,7 +54,6 @@ export class Capture {
   }
 }
 
-/** Draw a name as the page shows it. */
 function drawLabel(context, label, origin) {
   const style = getComputedStyle(label);
   const { x, y, width, height } = label.getBoundingClientRect();

@@ -29,8 +29,10 @@ export class Robot {
     );
     this.trail.frustumCulled = false;
     this.group.add(this.trail);
-    this.ring = index === null ? null : ringOf(size, robotColor(index));
-    if (this.ring) this.group.add(this.ring);
+    if (index === null) return;
+    const ring = new THREE.RingGeometry(0.36 * size, 0.4 * size, 64);
+    this.ring = new THREE.Mesh(ring, new THREE.MeshBasicMaterial({ color: robotColor(index) }));
+    this.group.add(this.ring);
   }
 
   /** Move the bodies `share` of the way from one pose to another, and those of a ghost if it is `shown`. */
@@ -73,13 +75,11 @@ export class Robot {
     const draw = (name, arrows) => this.arrows[name].show(shown.has(name) ? arrows : []);
     const seconds = (latest.steps - former.steps) * dt;
     const way = placeIn(latest).sub(placeIn(former));
-    const from = above(0.3);
-    draw("velocity", seconds > 0 ? [[from, from.clone().addScaledVector(way, AHEAD / seconds)]] : []);
+    draw("velocity", seconds > 0 ? [[above(0.3), way.multiplyScalar(AHEAD / seconds)]] : []);
     const { z: heading } = new THREE.Euler().setFromQuaternion(quaternionAt(latest.turns, followed, turn), "ZYX");
     const reach = command && new THREE.Vector3(...command, 0).applyAxisAngle(UP, heading);
-    const start = above(0.36);
-    draw("command", reach ? [[start, start.clone().add(reach)]] : []);
-    draw("contacts", pairs(latest.contacts ?? []));
+    draw("command", reach ? [[above(0.36), reach]] : []);
+    draw("contacts", arrowsOf(latest.contacts ?? []));
     this.trail.visible = shown.has("trail") && past.length > 1;
     if (!this.trail.visible) return;
     const points = past.slice(-POINTS).map(placeIn);
@@ -125,14 +125,9 @@ function addGeom(bodies, model, geom) {
   bodies[model.geom_bodyid[geom]].add(mesh);
 }
 
-function ringOf(size, color) {
-  const geometry = new THREE.RingGeometry(0.36 * size, 0.4 * size, 64);
-  return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color }));
-}
-
-function pairs(numbers) {
-  const point = (begin) => new THREE.Vector3().fromArray(numbers, begin);
-  return Array.from({ length: numbers.length / 6 }, (_, i) => [point(6 * i), point(6 * i + 3)]);
+function arrowsOf(ends) {
+  const point = (i) => new THREE.Vector3().fromArray(ends, 3 * i);
+  return Array.from({ length: ends.length / 6 }, (_, i) => [point(2 * i), point(2 * i + 1).sub(point(2 * i))]);
 }
 
 // Arrows in the scene, as many as are needed at the moment: slender cones; the size is the robot's.
@@ -145,15 +140,14 @@ class Arrows {
     parent.add(this.group);
   }
 
-  /** Show arrows, each from one point to another. */
+  /** Show arrows, each from a point as far as a vector. */
   show(arrows) {
-    const long = arrows.filter(([from, to]) => from.distanceTo(to) > this.width);
+    const long = arrows.filter(([, reach]) => reach.length() > this.width);
     while (this.group.children.length < long.length) this.group.add(new THREE.Mesh(this.cone, this.material));
     this.group.children.forEach((cone, i) => {
       cone.visible = i < long.length;
       if (!cone.visible) return;
-      const [from, to] = long[i];
-      const reach = to.clone().sub(from);
+      const [from, reach] = long[i];
       cone.position.copy(from);
       cone.scale.y = reach.length();
       cone.quaternion.setFromUnitVectors(ALONG, reach.normalize());

@@ -48,21 +48,17 @@ export function geometryOf(model, geom) {
 
 /** Return a mesh with a corner of its own for each face, because faces may not share normals. */
 function meshGeometry(model, mesh) {
-  const points = [];
-  const normals = [];
-  const firstPoint = model.mesh_vertadr[mesh];
-  const firstNormal = model.mesh_normaladr[mesh];
   const begin = 3 * model.mesh_faceadr[mesh];
-  for (let corner = begin; corner < begin + 3 * model.mesh_facenum[mesh]; corner++) {
-    const point = 3 * (firstPoint + model.mesh_face[corner]);
-    const normal = 3 * (firstNormal + model.mesh_facenormal[corner]);
-    points.push(...model.mesh_vert.subarray(point, point + 3));
-    normals.push(...model.mesh_normal.subarray(normal, normal + 3));
-  }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
-  geometry.setAttribute("normal", new THREE.Float32BufferAttribute(normals, 3));
-  return geometry;
+  const end = begin + 3 * model.mesh_facenum[mesh];
+  const gathered = (vectors, first, indices) => {
+    const numbers = Array.from(indices.subarray(begin, end), (index) => {
+      return Array.from(vectors.subarray(3 * (first + index), 3 * (first + index) + 3));
+    });
+    return new THREE.Float32BufferAttribute(numbers.flat(), 3);
+  };
+  const points = gathered(model.mesh_vert, model.mesh_vertadr[mesh], model.mesh_face);
+  const normals = gathered(model.mesh_normal, model.mesh_normaladr[mesh], model.mesh_facenormal);
+  return new THREE.BufferGeometry().setAttribute("position", points).setAttribute("normal", normals);
 }
 
 /** Return the surface of a height field. */

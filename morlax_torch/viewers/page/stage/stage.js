@@ -57,11 +57,11 @@ export class Stage {
     this.center = new THREE.Vector3(); // where the camera looks
   }
 
-  /** Show the robots of an engine. */
   show(engine) {
     if (this.scene) release(this.scene);
     const { model, about, robots, scene } = engine;
     const same = this.model === model || this.engine?.isRecorded || scene.reshaped;
+    const stays = this.width !== undefined && same && this.robots.length === robots.length;
     const many = robots.length > 1;
     Object.assign(this, { engine, model, source: scene });
     this.scene = new THREE.Scene();
@@ -77,17 +77,15 @@ export class Stage {
     this.surroundings = new Surroundings(this.scene, this.size, this.floor, this.lanes, gap);
     this.surroundings.dress(this.theme);
     this.scene.add(...this.robots.map(({ group }) => group));
-    this.#label();
+    const tag = (_, i) => html("span", { className: "name-tag", style: `--color: ${robotColor(i)}` });
+    this.labels.replaceChildren(...(many ? robots.map(tag) : []));
     this.past = []; // poses of all robots, the oldest first, and control steps until then
     this.clock = 0; // control steps since the robots are shown
     this.moment = null; // index of the past pose to draw; null: the present
     this.advance();
-    const stays = this.width !== undefined && same && this.number === robots.length;
-    this.number = robots.length;
     if (!stays) this.lookHome(same);
   }
 
-  /** Change to the light or dark look. */
   dress(theme) {
     this.theme = theme;
     this.surroundings?.dress(theme);
@@ -125,7 +123,6 @@ export class Stage {
     this.controls.update();
   }
 
-  /** Return a picture of the present drawing, as a PNG file's data. */
   picture() {
     this.draw(1);
     return this.capture.picture();
@@ -185,12 +182,6 @@ export class Stage {
     const past = this.past.slice(Math.max(begin, 0)).map((poses) => poses[i]);
     const wanted = about.velocities && !names ? command.slice(0, 2) : null;
     robot.decorate(this.shown, about, wanted, this.#drawn(i), past);
-  }
-
-  #label() {
-    const names = this.robots.length < 2 ? [] : this.robots;
-    const tag = (_, i) => html("span", { className: "name-tag", style: `--color: ${robotColor(i)}` });
-    this.labels.replaceChildren(...names.map(tag));
   }
 
   /** Keep the robots' names at their heads. */

@@ -108,7 +108,6 @@ function plainFloor(width, height) {
   return floor;
 }
 
-/** Draw four tiles and repeat them. */
 function checker([one, other]) {
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 128;
