@@ -4,12 +4,11 @@ import { Recorded } from "./engines/recorded.js";
 import { Problem, fetched, traffic } from "./files.js";
 import { drive, press } from "./panel/driving.js";
 import { Panel } from "./panel/panel.js";
-import { $, html, isNews, setIcon } from "./pictures.js";
+import { $, html, isNews, onArrows, setIcon } from "./pictures.js";
 import * as talk from "./panel/talk.js";
 import { even, parsed, shown } from "./tradeoffs.js";
 
 const PACES = [1, 0.5, 0.25];
-const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const TURN = 0.1; // radians of the camera per key
 const query = new URLSearchParams(location.search);
 const remote = document.documentElement.dataset.engine === "remote";
@@ -21,7 +20,6 @@ const state = {
   replays: false,
   clock: 0, // control steps of the stage, at which a replay is
 };
-const former = []; // engines to release between two frames
 let asks = 0; // how often a run was asked for
 
 async function main() {
@@ -86,11 +84,7 @@ async function open(run) {
     announce(sentence(error));
     return;
   }
-  if (ask < asks) {
-    former.push(engine);
-    return;
-  }
-  if (state.engine) former.push(state.engine);
+  if (ask < asks) return engine.release();
   state.folder = run.folder;
   engine.about.title = run.title;
   const m = engine.about.objectives.length;
@@ -134,7 +128,6 @@ async function load({ title, folder, bytes, shared }) {
   return engine;
 }
 
-/** Show the robots of an engine, and everything about them. */
 function present(engine) {
   const { title, pushed } = engine.about;
   document.title = `${title} · morlax`;
@@ -168,14 +161,17 @@ function remember() {
 /** Step and draw until an error ends it. */
 async function run() {
   let last = performance.now();
+  let { engine } = state;
   const frame = () => new Promise(requestAnimationFrame);
   for (;;) {
     await frame();
-    for (const engine of former.splice(0)) await engine.release();
+    const former = engine;
+    engine = state.engine;
+    if (former !== engine) await former.release(); // between two frames
     const now = performance.now();
     const elapsed = (now - last) / 1000;
     last = now;
-    const { engine, stage } = state;
+    const { stage } = state;
     if (state.replays) replay(stage, (elapsed * engine.pace) / engine.about.dt);
     if (!engine.paused) stopLookingBack(); // another tab may continue
     const share = await engine.advance(stage.moment === null ? elapsed : 0);
@@ -196,7 +192,6 @@ function replay(stage, steps) {
   if (stage.moment === stage.past.length - 1) state.engine.pause(false);
 }
 
-/** Return to the present. */
 function stopLookingBack() {
   state.stage.moment = null;
   state.replays = false;
@@ -245,7 +240,7 @@ function wireControls() {
     },
     reset: stopLookingBack,
     camera: () => state.stage.lookHome(),
-    photo: async () => download(await state.stage.picture(), "png"),
+    photo: async () => download(await state.stage.picture()),
     clip: film,
     talk: () => talk.begin(state.engine),
     pace: () => state.engine.setPace(PACES[(PACES.indexOf(state.engine.pace) + 1) % PACES.length]),
@@ -265,12 +260,9 @@ function wireControls() {
     stage.moment = Math.min($("timeline").valueAsNumber, stage.past.length - 1);
     state.clock = stage.past[stage.moment].clock;
   });
-  $("view").addEventListener("keydown", (event) => {
-    const [left, up] = TURNS[event.key] ?? [];
-    if (left === undefined) return;
-    state.stage.controls.rotateLeft(left * TURN);
+  onArrows($("view"), (right, up) => {
+    state.stage.controls.rotateLeft(right * TURN);
     state.stage.controls.rotateUp(up * TURN);
-    event.preventDefault();
   });
   // Space presses a button that has the focus, and letters choose from a list, but a click is not to keep it
   addEventListener("click", ({ detail, target }) => {
@@ -302,22 +294,18 @@ async function film() {
   const ends = capture.recorder !== null;
   label("clip", ends ? "Record a clip" : "End the clip and save it", ends ? "clip" : "stop", "clip");
   $("clip").setAttribute("aria-pressed", !ends);
-  if (!ends) {
-    capture.record();
-    return;
-  }
-  const video = await capture.end();
-  download(video, video.type.includes("mp4") ? "mp4" : "webm");
+  if (ends) download(await capture.end());
+  else capture.record();
 }
 
-function download(data, ending) {
+function download(data) {
+  const [, ending] = data.type.split(/[/;]/); // of image/png, video/mp4 or video/webm
   const address = URL.createObjectURL(data);
   const { about, steered } = state.engine;
   html("a", { href: address, download: `${about.title} ${shown(steered.tradeoff)}.${ending}` }).click();
   URL.revokeObjectURL(address);
 }
 
-/** Give a button a title, an icon and a word. */
 function label(id, title, icon, word) {
   $(id).title = title;
   $(id).lastElementChild.textContent = word;

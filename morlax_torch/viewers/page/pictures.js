@@ -4,7 +4,6 @@ const SVG = "http://www.w3.org/2000/svg";
 
 export const $ = (id) => document.getElementById(id);
 
-/** Make an SVG element with attributes and children. */
 export function svg(name, attributes = {}, ...children) {
   const element = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
@@ -12,7 +11,6 @@ export function svg(name, attributes = {}, ...children) {
   return element;
 }
 
-/** Make an HTML element with properties and children. */
 export function html(name, properties = {}, ...children) {
   const element = Object.assign(document.createElement(name), properties);
   element.append(...children);
@@ -39,8 +37,8 @@ export function renew(part, children) {
   const focused = part.contains(document.activeElement) && document.activeElement.title;
   part.replaceChildren(...children);
   if (focused === false) return;
-  const buttons = [...part.querySelectorAll("button")];
-  (buttons.find(({ title }) => title === focused) ?? buttons[0])?.focus();
+  const former = part.querySelector(`button[title="${CSS.escape(focused)}"]`);
+  (former ?? part.querySelector("button"))?.focus();
 }
 
 /** Show another icon of index.html on a button. */
@@ -60,11 +58,25 @@ export function onDrag(drawing, choose, hover = () => {}) {
   drawing.onpointermove = (event) => (event.buttons ? choose : hover)(place(event), false);
 }
 
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+/** Call `move(right, up)` when a visitor presses an arrow key on an element that has the focus. */
+export function onArrows(element, move) {
+  element.onkeydown = (event) => {
+    if (!(event.key in ARROWS)) return;
+    event.preventDefault();
+    move(...ARROWS[event.key]);
+  };
+}
+
 /** Return the linear map of one range to another. */
 export const scale = ([low, high], [from, to]) => (value) => from + ((value - low) / (high - low)) * (to - from);
 
 /** Return the path of a line through places [x, y]. */
 export const lined = (places) => places.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
+
+/** Return the path of dots at places [x, y]. */
+export const dotted = (places) => places.map((place) => `${lined([place])}h0`).join("");
 
 /** Return round numbers within [low, high], about `count` of them. */
 export function ticks(low, high, count = 4) {

@@ -1,4 +1,4 @@
-// Trade-offs: m numbers, not negative, that sum to one. Their colors, and the policies of a front.
+// Trade-offs: m numbers, not negative, that sum to one; and their colors.
 
 // Okabe and Ito: distinct to color-blind readers too.
 const PALETTE = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"];
@@ -8,7 +8,6 @@ export const MOST = ROBOTS.length; // robots on one stage
 /** Return the color of an objective by its index. */
 export const colorOf = (index) => PALETTE[index % PALETTE.length];
 
-/** Return the color of a robot's ring, name and mark by its index. */
 export const robotColor = (index) => ROBOTS[index];
 
 /** Return the color of a trade-off: the objectives' colors, mixed by weight. */
@@ -46,28 +45,6 @@ export function summary(weights, titles) {
   const order = weights.map((_, i) => i).sort((a, b) => weights[b] - weights[a]);
   const parts = order.filter((i) => weights[i] >= 0.005).map((i) => `${titles[i]} ${Math.round(100 * weights[i])} %`);
   return parts.length > 2 ? `${parts.slice(0, 2).join(", ")}, …` : parts.join(", ");
-}
-
-/** Return the values of a front's policies: measured quantities, which come first, and returns. */
-export function valuesOf({ objectives, titles, front }) {
-  const returns = objectives.map((key, index) => {
-    const values = front.returns.map((row) => row[index]);
-    return { index, key, name: titles[index], lower: false, physical: false, values, color: colorOf(index) };
-  });
-  const measured = front.measured.map((quantity) => {
-    return { ...quantity, key: quantity.name, physical: true, color: "var(--ink)" };
-  });
-  return [...measured, ...returns];
-}
-
-/** Return the indices of the front's policies that keep required levels, by index of the value. */
-export function keeping(about, levels) {
-  const required = valuesOf(about).filter(({ index }) => index in levels);
-  const keeps = (policy) =>
-    required.every(({ index, lower, values }) => {
-      return lower ? values[policy] <= levels[index] : values[policy] >= levels[index];
-    });
-  return about.front.returns.map((_, policy) => policy).filter(keeps);
 }
 
 /** Return the squared distance of two points. */

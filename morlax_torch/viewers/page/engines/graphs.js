@@ -13,14 +13,11 @@ const started = once(async () => {
 
 export class Graph {
   /** Inputs have a shape and a type, by name; outputs are names in order, without the file's prefix. */
-  constructor(session, inputs, outputs) {
-    Object.assign(this, { session, inputs, outputs });
-  }
-
   static async load(address, inputs, outputs) {
     const [file] = await Promise.all([unpacked(address), started()]);
     const bytes = new Uint8Array(await file.arrayBuffer());
-    return new Graph(await ort.InferenceSession.create(bytes), inputs, outputs);
+    const session = await ort.InferenceSession.create(bytes);
+    return Object.assign(new Graph(), { session, inputs, outputs });
   }
 
   /** Run the graph; `read(name)` returns an input's numbers. Returns typed arrays by name. */

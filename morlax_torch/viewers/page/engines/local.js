@@ -1,6 +1,7 @@
 // Moves robots in this browser: the page needs no server. See `Remote` for the other engine.
 
-import { MOST, keeping, valuesOf } from "../tradeoffs.js";
+import { MOST } from "../tradeoffs.js";
+import { keeping, valuesOf } from "../values.js";
 import { Simulation } from "./simulation.js";
 
 const MOST_DELAY = 0.1; // s to catch up with; the rest of a longer delay is dropped
@@ -17,16 +18,15 @@ export class Local {
     Object.assign(this, { model, about, robots: [simulation], selected: 0 });
     Object.assign(this, { paused: false, pace: 1, names: null, asking: null });
     this.bookmarks = about.bookmarks; // trade-offs by name
-    this.keeps = false; // new bookmarks
-    this.saving = null; // nothing can be written here
-    this.can = { ask: false, contacts: false, open: false };
-    this.failure = null;
+    this.training = []; // evaluations whose fronts a server's run has kept, the newest last
+    this.served = false; // nothing can be written here
+    this.failure = this.saving = null;
     this.choosing = { levels: {}, maximized: 0, searching: false, found: null, reason: "" };
     this.scene = {}; // another object whenever other robots are to be drawn
     this.listener = { step() {}, tell() {} };
     this.due = 0;
     this.resets = false;
-    this.left = []; // robots to release between two steps
+    this.left = []; // robots whose memory to free between two steps
   }
 
   get steered() {
@@ -47,7 +47,6 @@ export class Local {
     for (const robot of this.robots) robot.command[index] = Math.min(Math.max(value, low), high);
   }
 
-  /** Change one number of the command. */
   nudge(index, change) {
     this.tell(index, this.command[index] + change);
   }
@@ -91,10 +90,7 @@ export class Local {
 
   /** Take the steps that are due after `elapsed` seconds; returns the share of the next one. */
   async advance(elapsed) {
-    while (this.left.length) {
-      const robot = this.left.pop();
-      await robot.release(this.robots.length + this.left.length === 0);
-    }
+    for (const { data } of this.left.splice(0)) data.delete();
     const { dt } = this.about;
     if (!this.paused) this.due += Math.min(elapsed, MOST_DELAY) * this.pace;
     if (this.resets) {
@@ -120,8 +116,9 @@ export class Local {
 
   /** Free the memory outside JavaScript, between two steps. */
   async release() {
-    this.left.push(...this.robots.splice(0));
-    await this.advance(0);
+    for (const { data } of [...this.left, ...this.robots]) data.delete();
+    await Promise.all(Object.values(this.steered.graphs).map(({ session }) => session.release()));
+    this.model.delete();
   }
 
   /** Show other robots, which all start anew. */

@@ -15,7 +15,8 @@ export class Remote {
 
   static {
     // what the server tells; null where it tells nothing
-    for (const name of ["paused", "pace", "failure", "choosing", "asking", "bookmarks", "saving"]) {
+    const told = ["paused", "pace", "failure", "command", "choosing", "asking", "bookmarks", "saving", "training"];
+    for (const name of told) {
       Object.defineProperty(Remote.prototype, name, { get() { return this.state[name] ?? null; } });
     }
     // what the server is asked for: only its answer shows it. `nudge` changes the command by a
@@ -43,7 +44,7 @@ export class Remote {
     this.next = null; // about, model, state and poses of a run whose parts are still coming
     this.arrived = 0; // ms, when they came
     this.interval = 25; // ms between frames
-    this.can = { ask: true, contacts: true, open: true };
+    this.served = true; // which can do more than a browser
     this.ready = false;
     this.#connect();
   }
@@ -59,14 +60,6 @@ export class Remote {
 
   get steered() {
     return this.robots[this.selected];
-  }
-
-  get command() {
-    return this.state.command ?? [];
-  }
-
-  get keeps() {
-    return this.bookmarks !== null; // shipped policies have none
   }
 
   steer(weights) {
@@ -105,8 +98,6 @@ export class Remote {
   async advance() {
     return Math.min((performance.now() - this.arrived) / this.interval, 1);
   }
-
-  async release() {}
 
   #send(message) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));

@@ -23,7 +23,6 @@ const mujoco = once(async () => {
 });
 
 export class Simulation {
-  /** Load the robot of a folder that `pack --web` wrote. */
   static async load(folder) {
     const about = await (await unpacked(`${folder}/run.json`)).json();
     const { objectives, observation_size: O } = about;
@@ -101,7 +100,7 @@ export class Simulation {
     this.steps = 0;
     this.over = null;
     this.terms = null; // latest rewards of the task's terms
-    this.#place();
+    this.engine.mj_kinematics(this.model, this.data); // for whoever draws the bodies
   }
 
   /** Take one control step of `about.dt` seconds. */
@@ -121,7 +120,7 @@ export class Simulation {
     if (results.terminated[0]) this.over = "fell";
     else if (results.truncated[0]) this.over = "time";
     this.terms = results.terms;
-    this.#place();
+    this.engine.mj_kinematics(this.model, this.data);
     return { action, reward: results.reward };
   }
 
@@ -133,17 +132,8 @@ export class Simulation {
     return kick.map((part) => (push * part) / size);
   }
 
-  /** Add a sudden velocity. */
   push(kick) {
     this.about.pushed.forEach((dof, i) => (this.data.qvel[dof] += kick[i]));
-  }
-
-  /** Free the memory outside JavaScript; that of policy and model only if no twin is left. */
-  async release(last) {
-    this.data.delete();
-    if (!last) return;
-    await Promise.all(Object.values(this.graphs).map(({ session }) => session.release()));
-    this.model.delete();
   }
 
   #read(name, graph) {
@@ -162,11 +152,6 @@ export class Simulation {
       if (field) this.data[field].set(numbers);
       else this.values[name] = numbers;
     }
-  }
-
-  /** Bring the bodies' poses up to date with the positions, for whoever draws them. */
-  #place() {
-    this.engine.mj_kinematics(this.model, this.data);
   }
 }
 

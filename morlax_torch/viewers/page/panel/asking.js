@@ -1,8 +1,8 @@
 // "A or B?": the visitor compares two robots, and sees what the answers tell.
 
 import { $, chip, isNews, short } from "../pictures.js";
-import { robotColor, valuesOf } from "../tradeoffs.js";
-import { inUnit, present } from "./units.js";
+import { robotColor } from "../tradeoffs.js";
+import { inUnit, present, valuesOf } from "../values.js";
 
 const SIDES = ["A", "B"];
 

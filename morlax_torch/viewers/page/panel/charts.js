@@ -2,7 +2,7 @@
 
 import { $, grid, html, onDrag, scale, short, svg } from "../pictures.js";
 import { robotColor } from "../tradeoffs.js";
-import { present } from "./units.js";
+import { present } from "../values.js";
 
 const SECONDS = 20;
 const [LEFT, RIGHT, TOP, BOTTOM] = [50, 366, 6, 74]; // of the axes

@@ -1,9 +1,8 @@
 // Choose a trade-off by what its policy must reach: returns, or measured quantities.
 
 import { $, isNews, percent, short } from "../pictures.js";
-import { valuesOf } from "../tradeoffs.js";
+import { inUnit, named, present, valuesOf } from "../values.js";
 import { Sliders } from "./sliders.js";
-import { inUnit, named, present } from "./units.js";
 
 export class ChoosingPanel {
   /** @param settled called with the index of a value whose threshold has changed, or that is maximized. */
@@ -17,7 +16,7 @@ export class ChoosingPanel {
     this.rows = this.numbers.map((number) => this.#rowOf(number));
     const done = (i, value) => this.require(this.numbers[i].index, isFree(this.rows[i], value) ? null : value);
     this.sliders = new Sliders($("levels"), this.rows, () => {}, done);
-    this.sliders.inputs.forEach((input, i) => {
+    this.sliders.rows.forEach(({ input }, i) => {
       input.value = this.rows[i].rest;
       this.rows[i].rest = Number(input.value); // the last step may lie before the right end
     });

@@ -12,7 +12,7 @@ export function press(engine, key) {
   const ranges = limits(engine);
   if (key.toLowerCase() === STOP) ranges.forEach((_, i) => engine.tell(i, 0));
   else if (!ranges[index]) return false;
-  else engine.nudge(index, way * NOTCH * reach(ranges[index]));
+  else engine.nudge(index, way * NOTCH * (ranges[index][1] - ranges[index][0]));
   return ranges.length > 0;
 }
 
@@ -32,4 +32,3 @@ export function drive(engine) {
 }
 
 const limits = ({ about }) => Object.values(about.command?.limits ?? {});
-const reach = ([low, high]) => high - low;

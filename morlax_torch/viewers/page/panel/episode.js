@@ -1,8 +1,8 @@
 // What the robots do now, in the present unit, and how the former episode ended.
 
 import { $, amount, html, isNews } from "../pictures.js";
-import { nearest, robotColor, valuesOf } from "../tradeoffs.js";
-import { inUnit, present } from "./units.js";
+import { nearest, robotColor } from "../tradeoffs.js";
+import { inUnit, present, valuesOf } from "../values.js";
 
 export class Episode {
   constructor(engine, live) {
@@ -28,9 +28,7 @@ export class Episode {
         if (value) cells[1].textContent = amount(inUnit(value, value.values[policy], about));
       }
     }
-    this.termCells.forEach((cell, i) => {
-      cell.textContent = steered.terms ? amount(steered.terms[i]) : "–";
-    });
+    this.termCells.forEach((cell, i) => (cell.textContent = amount(steered.terms?.[i])));
     const { ended } = robots[selected];
     const sums = about.titles.map((name, i) => `${name} ${amount(ended?.returns[i] ?? 0)}`).join(", ");
     $("ended").textContent = ended

@@ -1,8 +1,8 @@
 // The map of policies: two of their values against each other, and every point is a trade-off.
 
-import { $, grid, html, lined, onDrag, percent, scale, short, svg, ticks } from "../pictures.js";
-import { distance, lowest, mixed, nearest, valuesOf } from "../tradeoffs.js";
-import { inUnit, named, ofEpisode } from "./units.js";
+import { $, dotted, grid, html, lined, onArrows, onDrag, percent, scale, short, svg, ticks } from "../pictures.js";
+import { distance, lowest, mixed, nearest } from "../tradeoffs.js";
+import { inUnit, named, ofEpisode, valuesOf } from "../values.js";
 
 const [WIDTH, HEIGHT] = [380, 268];
 const [LEFT, RIGHT, TOP, BOTTOM] = [50, 368, 10, 232]; // of the axes
@@ -39,7 +39,7 @@ export class FrontPlot {
     onDrag(this.drawing, (place, begins) => this.#choose(place, begins), (place) => this.#point(place));
     this.drawing.onpointerup = () => this.#release();
     this.drawing.onpointerleave = () => ($("tip").hidden = true);
-    this.drawing.onkeydown = (event) => this.#step(event);
+    onArrows(this.drawing, (right, up) => this.#step(right + up));
     $("tip").hidden = true;
   }
 
@@ -75,7 +75,7 @@ export class FrontPlot {
       }
       const sorted = places.map(([place]) => place).sort((a, b) => a[0] - b[0]);
       const isLine = this.about.objectives.length === 2 && this.axes.every(({ physical }) => !physical);
-      const d = isLine ? lined(sorted) : sorted.map((place) => `${lined([place])}h0`).join("");
+      const d = isLine ? lined(sorted) : dotted(sorted);
       return [svg("path", { d, class: isLine ? "earlier" : "earlier dots" })];
     });
     $("past").replaceChildren(...drawn.flat());
@@ -190,11 +190,8 @@ export class FrontPlot {
     $("tip").style.cssText = `--x: ${x / WIDTH}; --y: ${y / HEIGHT}`;
   }
 
-  /** Move along the front with the arrow keys. */
-  #step(event) {
-    const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
-    if (!way) return;
-    event.preventDefault();
+  /** Move along the front. */
+  #step(way) {
     const here = lowest(this.along, (i) => distance(this.places[i], this.places[this.nearest]));
     const next = Math.min(Math.max(here + way, 0), this.along.length - 1);
     this.nearest = this.along[next]; // further keys may come before the next frame

@@ -23,7 +23,7 @@ export class LineupPanel {
     const add = (text, title, name) => buttons.push(chip(text, title, () => engine.press(name)));
     if (robots.length < MOST) add("add a robot", "Compare it with another trade-off", "add");
     if (robots.length > 1) add("remove", "Remove the chosen robot", "remove");
-    if (engine.can.ask) add("A or B?", "Find your trade-off by comparing robots", "find");
+    if (engine.served) add("A or B?", "Find your trade-off by comparing robots", "find");
     renew($("robots"), buttons);
   }
 }

@@ -1,7 +1,7 @@
 // What each robot earns and does at the moment, smoothed.
 
 import { colorOf } from "../tradeoffs.js";
-import { present } from "./units.js";
+import { present } from "../values.js";
 
 const CALM = 0.05; // share of a new number in the smoothed one
 

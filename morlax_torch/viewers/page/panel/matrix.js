@@ -1,6 +1,6 @@
 // Small fronts of all pairs of objectives, each of which a visitor can enlarge.
 
-import { $, html, svg } from "../pictures.js";
+import { $, dotted, html, svg } from "../pictures.js";
 import { colorOf, mixed, nearest } from "../tradeoffs.js";
 
 const [WIDTH, HEIGHT, MARGIN] = [100, 64, 6];
@@ -30,7 +30,6 @@ export class Matrix {
     });
   }
 
-  /** Mark the enlarged pair. */
   choose(axes) {
     for (const { button, pair } of this.cells) {
       button.setAttribute("aria-pressed", pair.every((index) => axes.includes(index)));
@@ -61,12 +60,10 @@ export class Matrix {
     };
     const [x, y] = [scaled(across, WIDTH), scaled(up, HEIGHT)];
     const at = (i) => [x(i), HEIGHT - y(i)];
-    const dots = new Map();
-    tradeoffs.forEach((weights, i) => {
-      const color = best[i] ? mixed(weights.map((w) => Math.round(4 * w) / 4)) : "var(--line)";
-      dots.set(color, `${dots.get(color) ?? ""}M${at(i).map((place) => place.toFixed(1)).join(" ")}h0`);
+    const color = (i) => (best[i] ? mixed(tradeoffs[i].map((w) => Math.round(4 * w) / 4)) : "var(--line)");
+    const paths = [...Map.groupBy(tradeoffs.keys(), color)].map(([stroke, policies]) => {
+      return svg("path", { d: dotted(policies.map(at)), stroke, class: "dots" });
     });
-    const paths = [...dots].map(([stroke, d]) => svg("path", { d, stroke, class: "dots" }));
     const rings = svg("g");
     button.append(svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}` }, ...paths, rings));
     return { button, rings, at, pair: [across, up] };

@@ -9,13 +9,13 @@ import { LineupPanel, showNames } from "./lineup.js";
 import { Live } from "./live.js";
 import { Matrix } from "./matrix.js";
 import { $, isNews, percent } from "../pictures.js";
-import { colorOf, keeping, mixed, moved, robotColor, valuesOf } from "../tradeoffs.js";
+import { colorOf, mixed, moved, robotColor } from "../tradeoffs.js";
 import { RunLists, showSaving } from "./runs.js";
 import { Sliders } from "./sliders.js";
 import { TrainingPanel } from "./training.js";
 import { Triangle } from "./triangle.js";
 import { TypedWeights } from "./typing.js";
-import * as units from "./units.js";
+import { keeping, present, setUnit, valuesOf } from "../values.js";
 
 const HELD = "#panel :active, :is(#levels, #matrix) :focus"; // what a visitor holds is not replaced
 
@@ -32,7 +32,7 @@ export class Panel {
       const axes = this.lists.map(({ value }) => Number(value));
       this.#enlarge(axes[0] === axes[1] ? this.axes.toReversed() : axes); // the axes never have the same
     };
-    if (engine.can.open) this.parts.push(new RunLists(engine));
+    if (engine.served) this.parts.push(new RunLists(engine));
     const [rounded, precise] = [(x) => x.toFixed(2), (x) => x.toPrecision(3)];
     const [tell, reshape] = ["tell", "reshape"].map((act) => (index, value) => engine[act](index, value));
     const measure = () => engine.press("measure");
@@ -44,7 +44,7 @@ export class Panel {
       document.body.classList.add("knows"); // what the hint says
     };
     this.#showWeights(settled);
-    this.triangle = this.names.length === 3 ? [new Triangle(this.names, this.choose)] : [];
+    this.triangle = this.names.length === 3 ? new Triangle(this.names, this.choose) : null;
     $("triangle").hidden = this.names.length !== 3;
     this.required = (index) => (this.#reveal(index), settled());
     this.training = new TrainingPanel(engine);
@@ -63,24 +63,23 @@ export class Panel {
   #renew() {
     const { engine } = this;
     const { front } = engine.about;
-    Object.assign(this, { front, moments: this.training.moments });
+    Object.assign(this, { front, moments: engine.training });
     $("choosing-section").hidden = $("unit").hidden = !front;
     this.choosing = front ? new ChoosingPanel(engine, this.required) : null;
     this.#showPlots();
-    this.measureBy(units.present());
+    this.measureBy(present());
   }
 
   /** Show all that is earned per second, or per episode. */
   measureBy(unit) {
-    units.choose(unit);
+    setUnit(unit);
     for (const each of ["second", "episode"]) $(`per-${each}`).setAttribute("aria-pressed", each === unit);
     if (this.front) this.#enlarge(this.axes);
   }
 
-  /** Show the present. */
   show() {
     const { engine } = this;
-    const isNew = engine.about.front !== this.front || this.training.moments !== this.moments;
+    const isNew = engine.about.front !== this.front || engine.training !== this.moments;
     if (isNew && !document.querySelector(HELD)) this.#renew();
     for (const part of this.parts) part.show();
     this.choosing?.show();
@@ -136,7 +135,7 @@ export class Panel {
   #showKinds(about) {
     const { stage, engine } = this;
     const follows = Boolean(about.motion);
-    const has = { command: about.velocities, contacts: engine.can.contacts, ghost: follows, errors: follows };
+    const has = { command: about.velocities, contacts: engine.served, ghost: follows, errors: follows };
     const boxes = [...$("show").querySelectorAll("input")];
     for (const box of boxes) box.parentElement.hidden = !(has[box.name] ?? true);
     $("show").onchange = () => {
@@ -149,7 +148,7 @@ export class Panel {
 
   #showPlots() {
     const { front, names, moments } = this;
-    this.plots = this.triangle;
+    this.plots = this.triangle ? [this.triangle] : [];
     const values = front ? valuesOf(this.engine.about) : [];
     $("axes").hidden = values.length < 3;
     $("front").hidden = $("legend").hidden = !front;
@@ -157,9 +156,8 @@ export class Panel {
     $("checkpoint").hidden = Boolean(front);
     if (!front) return;
     explain(front, moments);
-    const offered = JSON.stringify(values.map(({ index, name }) => [index, name]));
-    if (offered !== this.offered) {
-      Object.assign(this, { offered, axes: front.pair });
+    if (isNews(this.lists, values.map(({ index, name }) => [index, name]))) {
+      this.axes = front.pair;
       for (const list of this.lists) {
         list.replaceChildren(...values.map(({ name, index }) => new Option(name, index)));
       }
@@ -181,7 +179,7 @@ export class Panel {
     this.map = new FrontPlot(this.engine.about, axes, acts, moments);
     axes.forEach((index, i) => (this.lists[i].value = index));
     this.matrix?.choose(axes);
-    this.plots = [...this.triangle, ...(this.matrix ? [this.matrix] : []), this.map];
+    this.plots = [this.triangle, this.matrix, this.map].filter(Boolean);
     this.facts = null;
   }
 }

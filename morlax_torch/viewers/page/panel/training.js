@@ -4,7 +4,6 @@ import { $, grid, isNews, lined, onDrag, scale, short, svg, ticks } from "../pic
 import { lowest } from "../tradeoffs.js";
 
 const [LEFT, RIGHT, TOP, BOTTOM] = [50, 368, 8, 82]; // of the axes
-const NONE = [];
 const LASTS = 8000; // ms from the first evaluation to the last
 
 export class TrainingPanel {
@@ -16,28 +15,24 @@ export class TrainingPanel {
     };
     $("moment").oninput = () => ask(Number($("moment").value));
     $("grow").onclick = () => (this.began = this.began === null ? performance.now() : null);
-    const near = ([x]) => ask(lowest(this.moments, ({ numbers: [, seconds] }) => Math.abs(this.across(seconds) - x)));
+    const near = ([x]) => ask(lowest(engine.training, ({ numbers: [, seconds] }) => Math.abs(this.across(seconds) - x)));
     onDrag($("growth"), near);
-  }
-
-  /** The evaluations whose fronts the run has kept, the newest last: steps, seconds and hypervolume are `numbers`. */
-  get moments() {
-    return this.engine.state?.training ?? NONE;
   }
 
   /** Return the index of the evaluation of the checkpoint that is shown. */
   get present() {
     const fingerprint = this.engine.about.front?.fingerprint;
-    const index = this.moments.findIndex((moment) => moment.fingerprint === fingerprint);
-    return index < 0 ? this.moments.length - 1 : index;
+    const { training } = this.engine;
+    const index = training.findIndex((moment) => moment.fingerprint === fingerprint);
+    return index < 0 ? training.length - 1 : index;
   }
 
   get past() {
-    return this.asked === null ? this.moments.slice(0, this.present) : this.moments.slice(0, this.asked + 1);
+    return this.engine.training.slice(0, this.asked === null ? this.present : this.asked + 1);
   }
 
   show() {
-    const { moments } = this;
+    const moments = this.engine.training;
     $("training-section").hidden = moments.length < 2 || !this.engine.about.front;
     if ($("training-section").hidden) return;
     this.#play();
@@ -49,7 +44,7 @@ export class TrainingPanel {
     Object.assign($("moment"), { max: moments.length - 1, value: at, ariaValueText: text });
     $("moment").style.setProperty("--share", at / (moments.length - 1));
     $("moment-told").textContent = text;
-    this.#draw(at);
+    this.#draw(moments, at);
   }
 
   #play() {
@@ -59,8 +54,8 @@ export class TrainingPanel {
     if (this.asked === null) this.began = null;
   }
 
-  #draw(at) {
-    const { moments } = this;
+  /** Draw the hypervolumes of `moments`, whose `numbers` are steps, seconds and hypervolume. */
+  #draw(moments, at) {
     const high = Math.max(...moments.map(({ numbers }) => numbers[2])) || 1;
     const end = moments.at(-1).numbers[1] || 1; // s
     this.across = scale([0, end], [LEFT, RIGHT]);

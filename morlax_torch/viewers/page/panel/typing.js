@@ -31,7 +31,7 @@ export class TypedWeights {
       this.#close();
     };
     $("naming").onkeydown = ({ key }) => {
-      if (key === "Escape") this.#close();
+      if (key === "Escape") this.#close(); // an arrow that returns false would swallow all keys
     };
     $("unname").onclick = () => this.#close();
   }
@@ -42,7 +42,8 @@ export class TypedWeights {
       this.#judge(true);
       if ($("typed").value !== text) $("typed").value = text;
     }
-    const { keeps, bookmarks } = this.engine;
+    const { served, bookmarks } = this.engine;
+    const keeps = served && bookmarks !== null; // shipped policies have none
     $("keep").hidden = !keeps;
     if (!isNews(this, bookmarks)) return;
     const marks = Object.entries(bookmarks ?? {}).map(([name, weights]) => {
