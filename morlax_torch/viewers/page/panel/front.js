@@ -124,8 +124,7 @@ export class FrontPlot {
       return;
     }
     const pin = this.kept?.find((one) => distance(one.place, place) < GRIP ** 2);
-    const far = (other, i) => (this.front.best[i] ? distance(other, place) : Infinity);
-    const point = lowest(this.places, far);
+    const point = this.along[lowest(this.along, (i) => distance(this.places[i], place))];
     this.#tell(point);
     this.pick(pin?.weights ?? this.front.tradeoffs[point]);
   }

@@ -1,7 +1,7 @@
-// Several robots to compare: which one the sliders steer, and their names.
+// Several robots to compare: which one the sliders steer.
 
 import { $, chip, isNews, renew } from "../pictures.js";
-import { MOST, robotColor, summary } from "../tradeoffs.js";
+import { MOST, robotColor } from "../tradeoffs.js";
 
 export class LineupPanel {
   constructor(engine) {
@@ -10,8 +10,7 @@ export class LineupPanel {
 
   show() {
     const { engine } = this;
-    const { robots, selected, asking } = engine;
-    $("robots").hidden = Boolean(asking);
+    const { robots, selected } = engine;
     if (!isNews(this, robots.length, selected)) return;
     const buttons = (robots.length > 1 ? robots : []).map((_, i) => {
       const title = `Steer this robot (${i + 1})`;
@@ -26,13 +25,4 @@ export class LineupPanel {
     if (engine.served) add("A or B?", "Find your trade-off by comparing robots", "find");
     renew($("robots"), buttons);
   }
-}
-
-/** Show the names at the heads of several robots. */
-export function showNames({ names, robots, selected, about }) {
-  [...$("names").children].forEach((label, i) => {
-    const text = names?.[i] ?? `${i + 1}: ${summary(robots[i].tradeoff, about.titles)}`;
-    if (label.textContent !== text) label.textContent = text;
-    label.classList.toggle("chosen", !names && i === selected);
-  });
 }

@@ -5,7 +5,7 @@ import { Charts } from "./charts.js";
 import { ChoosingPanel } from "./choosing.js";
 import { Episode } from "./episode.js";
 import { FrontPlot } from "./front.js";
-import { LineupPanel, showNames } from "./lineup.js";
+import { LineupPanel } from "./lineup.js";
 import { Live } from "./live.js";
 import { Matrix } from "./matrix.js";
 import { $, isNews, percent } from "../pictures.js";
@@ -84,7 +84,6 @@ export class Panel {
     for (const part of this.parts) part.show();
     this.choosing?.show();
     this.training.show();
-    showNames(engine);
     showSaving(engine);
     const { steered, robots, selected, asking, choosing, bookmarks } = engine;
     this.weights.show(steered.tradeoff);

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "../libraries/OrbitControls.js";
 import { Problem } from "../files.js";
 import { html } from "../pictures.js";
-import { robotColor } from "../tradeoffs.js";
+import { robotColor, summary } from "../tradeoffs.js";
 import { Capture } from "./capture.js";
 import { Robot, quaternionAt } from "./robot.js";
 import { PLANE, shownGeoms } from "./shapes.js";
@@ -29,7 +29,7 @@ const LONGEST = 500; // ms that count of one frame, because a hidden page draws 
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // WebGL without a graphics card
 
 export class Stage {
-  /** Draw on a canvas; `labels` is the element of the names, whose text is up to others. */
+  /** Draw on a canvas; `labels` is the element of the names. */
   constructor(canvas, labels) {
     Object.assign(this, { canvas, labels });
     this.capture = new Capture(canvas, labels);
@@ -184,10 +184,14 @@ export class Stage {
     robot.decorate(this.shown, about, wanted, this.#drawn(i), past);
   }
 
-  /** Keep the robots' names at their heads. */
+  /** Show the names of several robots at their heads. */
   #placeLabels() {
+    const { names, robots, selected, about } = this.engine;
     for (const [i, label] of [...this.labels.children].entries()) {
-      const { z } = this.robots[i].bodies[this.engine.about.followed].position;
+      const text = names?.[i] ?? `${i + 1}: ${summary(robots[i].tradeoff, about.titles)}`;
+      if (label.textContent !== text) label.textContent = text;
+      label.classList.toggle("chosen", !names && i === selected);
+      const { z } = this.robots[i].bodies[about.followed].position;
       const head = new THREE.Vector3(this.lanes[i], 0, z + this.head);
       const { x, y } = head.project(this.camera);
       label.style.left = `${((x + 1) / 2) * this.width}px`;
