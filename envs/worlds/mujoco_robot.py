@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 from mujoco import mjtJoint
@@ -58,20 +58,12 @@ class Deployment(NamedTuple):
     motion: bytes | None = None  # an npz of what the policy follows, one frame per control step
 
 
-class State(Protocol):
-    """A model, and the state of N worlds of it. Write to the state to move a robot."""
-
-    model: mujoco.MjModel
-    qpos: Tensor  # (N, nq)
-    qvel: Tensor  # (N, nv)
-    ctrl: Tensor  # (N, nu)
-    act: Tensor  # (N, na)
-
-
 class Robot(Worlds):
     """N worlds of a robot whose MuJoCo model is known."""
 
-    physics: State
+    # Has a `model`, and the state of N worlds of it, such as `qpos` (N, nq), `qvel`, `ctrl` and
+    # `act`. Write to the state to move a robot.
+    physics: Any
     # Name of a body of the robot that pushes move and cameras follow, in a scene where others move
     # too; None: that of the kinematic tree with the most actuators.
     base_body: ClassVar[str | None] = None

@@ -75,10 +75,8 @@ def test_the_sum_of_all_objectives_is_the_reward_of_mjlab(go1):
     assert (step.reward[:, 0] > 0).all() and (step.reward[:, 1] < 0).all()
 
 
-@pytest.mark.parametrize("remembers", [False, True])
-def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch, remembers):
+def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch):
     monkeypatch.setattr(worlds, "supported", lambda *_: False)
-    monkeypatch.setattr(worlds, "remembers", lambda cfg: remembers)
     go1 = envs.make(GO1, 4, "cpu", episode_length=7)
     restarted = []
     usual = go1.env._reset_idx
@@ -102,9 +100,8 @@ def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch, rem
 
 def test_joints_actions_and_contacts_of_a_last_observation_are_exact(monkeypatch):
     found = []
-    monkeypatch.setattr(worlds, "supported", lambda *_: False)
-    for remembers in (False, True):
-        monkeypatch.setattr(worlds, "remembers", lambda cfg, answer=remembers: answer)
+    for recordable in (True, False):
+        monkeypatch.setattr(worlds, "supported", lambda *_, answer=recordable: answer)
         env = envs.make(GO1, 4, "cpu", episode_length=3, stagger=False)
         torch.manual_seed(0)
         step = [env.step(noise(env)) for _ in range(3)][-1]
@@ -464,7 +461,11 @@ def sanitized(cfg: Any) -> None:
     cfg.observations["actor"].nan_policy = "sanitize"
 
 
-@pytest.mark.parametrize("change", [late, shaken, sanitized])
+def remembering(cfg: Any) -> None:
+    cfg.observations["critic"].terms["joint_pos"].history_length = 2
+
+
+@pytest.mark.parametrize("change", [late, shaken, sanitized, remembering])
 def test_mjlab_s_own_step_does_what_a_recorded_one_cannot(change):
     cfg = worlds.load(GO1)
     cfg.curriculum = {}

@@ -12,16 +12,14 @@ from ...errors import MorlaxError, unknown
 UNMEASURED = ("base_lin_vel", "motion_anchor_pos_b", "height_scan")
 
 
-def lengths(
-    terms: Iterable[str], sensors: str = "all", history: Mapping[str, int] | None = None
-) -> dict[str, int]:
+def lengths(terms: Iterable[str], sensors: str, history: Mapping[str, int]) -> dict[str, int]:
     """Return how many values of each of mjlab's terms actors observe; 0: none.
 
     Raises:
         MorlaxError: a name or pattern of `history` fits no term, or no term is left.
     """
     numbers = dict.fromkeys(terms, 1)
-    for pattern, number in (history or {}).items():
+    for pattern, number in history.items():
         names = matching(numbers, pattern)
         if not names:
             raise unknown("term of the observation", pattern, numbers)
@@ -56,10 +54,7 @@ class History:
             parts.append(columns[most - number :, start : start + size].flatten())
             start += size
         self._columns = torch.cat(parts).to(device)
-
-    @property
-    def size(self) -> int:
-        return len(self._columns)
+        self.size = len(self._columns)
 
     def after(self, values: Tensor) -> Tensor:
         """Return what would be observed after new values (N, total); keeps nothing."""

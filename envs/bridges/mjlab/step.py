@@ -73,7 +73,7 @@ class MaskedStep:
                 self._restart(over)
             elif not over.any():  # else a motion stays where the episode ended
                 for command in self.commands:
-                    command.go_on()
+                    command.restart(over)
             sim.forward()
             for command in self.commands:
                 command.pass_time(torch.where(over, 0.0, env.step_dt).float())
@@ -227,7 +227,10 @@ def supported(cfg: Any) -> bool:
     ]
     groups = [group for group in cfg.observations.values() if group is not None]
     checked = [group.nan_policy != "disabled" for group in groups]  # which waits for the GPU
-    unsupported = [*late, *checked, cfg.is_finite_horizon]
+    terms = [term for group in groups for term in group.terms.values() if term is not None]
+    late += [term.delay_max_lag > 0 for term in terms]
+    remembered = [bool(part.history_length) for part in (*groups, *terms)]  # seen only once a step
+    unsupported = [*late, *checked, *remembered, cfg.is_finite_horizon]
     return all([*events, *commands, *levels]) and not any(unsupported)
 
 

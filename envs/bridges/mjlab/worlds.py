@@ -21,7 +21,7 @@ from ...errors import MorlaxError, unknown
 from ...physics import compiling
 from ...worlds.mirror import Mirror
 from ...worlds.options import Count, Limits, ObjectiveOptions, Objectives, Point
-from ..foreign import ACTORS, CRITIC, ForeignWorlds, Outcome, imported, require
+from ..foreign import ForeignWorlds, Outcome, imported, require
 from . import following
 from .commands import MOTION, VELOCITY
 from .history import History, lengths
@@ -30,8 +30,7 @@ from .motion import prepared
 from .step import LEVELS, MaskedStep, supported
 from .walking import LOWER_IS_BETTER, QUANTITIES, Walking
 
-ENDINGS = "endings"  # mjlab's name of the recorder
-BLOWN_UP = "blown_up"  # of the termination
+BLOWN_UP = "blown_up"  # mjlab's name of the termination
 EFFORT = ("joint_torques_l2", "electrical_power_cost")  # mjlab's, for every robot
 ALIVE = "is_alive"  # mjlab's, too: 1 unless the episode terminates
 
@@ -97,10 +96,9 @@ class MjlabWorlds(ForeignWorlds):
     term is what mjlab adds to its own reward: with its weight and its time step. mjlab draws from
     torch's global generators, which here have their own state for these worlds.
 
-    With automatic reset, mjlab restarts worlds within its step. Their last observation is made
-    where mjlab computes rewards: velocities and tilt of bodies are one physics step old, rays and
-    commands one control step. Where an observation holds earlier ones, worlds are restarted by a
-    second call instead, and nothing is old.
+    A recordable step restarts worlds itself. Their last observation is made where mjlab computes
+    rewards: velocities and tilt of bodies are one physics step old, rays and commands one control
+    step. mjlab's own step is followed by a second call that restarts worlds, and nothing is old.
     """
 
     Options: ClassVar[type[MjlabOptions]]
@@ -111,7 +109,7 @@ class MjlabWorlds(ForeignWorlds):
 
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)
-        masked = supported(cfg) and not remembers(cfg)
+        masked = supported(cfg)
         self.recordable = masked and self.device.type == "cuda"
         self._sharing: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
         if self.recordable:  # a recording draws from no other generator than torch's own
@@ -149,8 +147,9 @@ class MjlabWorlds(ForeignWorlds):
     def config(self, seed: int) -> Any:
         """Return mjlab's config of these worlds."""
         cfg = changed(self.name, self.options, self.num_worlds, seed)
-        cfg.auto_reset = self.auto_reset and not remembers(cfg)
-        watch_endings(cfg)
+        cfg.auto_reset = False  # `_restart` does it
+        termination = import_module("mjlab.managers").TerminationTermCfg
+        cfg.terminations[BLOWN_UP] = termination(func=_not_finite)
         return cfg
 
     def share_draws(self, episodes: Tensor, number: int) -> None:
@@ -194,22 +193,15 @@ class MjlabWorlds(ForeignWorlds):
                 groups, before, failed, timed_out = self._step(scaled)
             else:
                 groups, _, failed, timed_out, _ = env.step(scaled)
-                before, failed = None, failed.clone()
+                before, failed = groups, failed.clone()
         if env.cfg.is_finite_horizon:
             failed, timed_out = failed | timed_out, torch.zeros_like(timed_out)
         timed_out, over = timed_out & ~failed, failed | timed_out
         values = self._joined(groups)
-        waits = self._step is None and not env.cfg.auto_reset
-        if self._step is None and not waits:
-            recorder = env.recorder_manager.get_term(ENDINGS)
-            before, recorder.groups = recorder.groups, None
-        last = values
-        stays = self._step is not None and not self.restarts
-        if before is not None and not stays:  # some worlds have restarted
-            last = torch.where(over[:, None], self._joined(before), values)
-        restarted = torch.zeros_like(over) if stays else over
+        restarted = over if self._step is not None and self.restarts else torch.zeros_like(over)
+        last = torch.where(restarted[:, None], self._joined(before), values)
         final, seen = self._history.after(last), self._history.append(values, restarted)
-        if waits:
+        if self._step is None:
             seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
         terms = env.reward_manager._step_reward * self._time_step
         blown_up = env.termination_manager.get_term(BLOWN_UP).clone()
@@ -249,26 +241,6 @@ def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
             compiling.start(rehearse)
             compiling.finish()
         return environment(config(), device=str(device))
-
-
-def watch_endings(cfg: Any) -> None:
-    """Let worlds of this config show how episodes end, and terminate if they are not finite."""
-    termination = import_module("mjlab.managers").TerminationTermCfg
-    cfg.terminations[BLOWN_UP] = termination(func=_not_finite)
-    if cfg.auto_reset:
-        recorders = import_module("mjlab.managers.recorder_manager")
-
-        class Endings(recorders.RecorderTerm):
-            """Sees all worlds just before some restart."""
-
-            groups: dict[str, Tensor] | None = None
-
-            def record_pre_reset(self, env_ids: Tensor) -> None:
-                manager = self._env.observation_manager
-                used = {*ACTORS, CRITIC} & set(manager.active_terms)
-                self.groups = {name: manager.compute_group(name) for name in used}
-
-        cfg.recorders[ENDINGS] = recorders.RecorderTermCfg(func=Endings)
 
 
 def _not_finite(env: Any) -> Tensor:
@@ -361,16 +333,6 @@ def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
             f"--task.episode-length {frames - 1}, or less."
         )
     return str(ready)
-
-
-def remembers(cfg: Any) -> bool:
-    """Return whether an observation holds earlier or late ones, so that it is made only once."""
-    return any(
-        group.history_length
-        or any(term.history_length or term.delay_max_lag for term in group.terms.values() if term)
-        for group in cfg.observations.values()
-        if group is not None
-    )
 
 
 def add_terms(cfg: Any) -> None:

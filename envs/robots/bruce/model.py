@@ -8,6 +8,7 @@ after the root) are linear in crank coordinates, because the four-bar of the ank
 parallelogram to within 0.12 mm.
 """
 
+from collections.abc import Sequence
 from importlib import resources
 from typing import Literal
 
@@ -32,8 +33,6 @@ MOTORS = tuple(
     name.replace("hip_pitch", "hip_motor_a").replace("hip_roll", "hip_motor_b")
     for name in CRANK_JOINTS
 )
-# The joints of each leg that differentials and four-bars couple to other hinges.
-_COUPLED = ("hip_pitch", "hip_roll", "knee", "ankle_crank")
 NUM_LEG_JOINTS = 10  # the first of the 16
 
 DEFAULT_POSE = np.array(
@@ -68,42 +67,39 @@ def load(chains: Chains = "closed", feet: Feet = "equal") -> mujoco.MjModel:
     return spec.compile()
 
 
-def joints_from_crank(model: mujoco.MjModel) -> NDArray[np.float64]:
+def joints_from_crank(model: mujoco.MjModel) -> Array:
     """Return the map (nq - 7, 16) from crank coordinates to the hinges of `model`, as in `qpos`."""
-    rules = {name: {name: 1.0} for name in CRANK_JOINTS}
-    for side in SIDES:
-        pitch, roll, knee, crank = (f"{side}_{j}" for j in _COUPLED)
-        rules[f"{side}_ankle_pitch"] = {crank: 1.0, knee: -1.0}
-        rules[f"{side}_ankle_rod_pin"] = {knee: 1.0, crank: -1.0}
-        rules[f"{side}_hip_motor_a"] = {pitch: -1.0, roll: -1.0}
-        rules[f"{side}_hip_motor_b"] = {pitch: 1.0, roll: -1.0}
-    names = [model.joint(i).name for i in range(1, model.njnt)]
-    return np.array([[rules[name].get(crank, 0.0) for crank in CRANK_JOINTS] for name in names])
+    return _from_crank([model.joint(i).name for i in range(1, model.njnt)])
 
 
-def motors_from_crank() -> NDArray[np.float64]:
+def motors_from_crank() -> Array:
     """Return the map (16, 16) from crank to motor coordinates, in the order of `ctrl`."""
-    matrix = np.eye(len(CRANK_JOINTS))
-    for first in (0, 5):  # first joint of each leg
-        matrix[first + 1 : first + 3, first + 1 : first + 3] = [[-1.0, -1.0], [1.0, -1.0]]
-    return matrix
+    return _from_crank(MOTORS)
 
 
-def crank_from_joints(model: mujoco.MjModel) -> NDArray[np.float64]:
+def crank_from_joints(model: mujoco.MjModel) -> Array:
     """Return the map (16, nq - 7) from the hinges of `model` to crank coordinates.
 
     With closed chains, hip angles are read from the motors that drive them.
     """
     names = [model.joint(i).name for i in range(1, model.njnt)]
+    read = MOTORS if set(MOTORS) <= set(names) else names
+    matrix = np.zeros((len(CRANK_JOINTS), len(names)))
+    matrix[:, [names.index(name) for name in read]] = np.linalg.inv(_from_crank(read))
+    return matrix
+
+
+def _from_crank(hinges: Sequence[str]) -> Array:
+    """Return the map (n, 16) from crank coordinates to n hinges."""
     rules = {name: {name: 1.0} for name in CRANK_JOINTS}
     for side in SIDES:
-        pitch, roll, knee, crank = (f"{side}_{j}" for j in _COUPLED)
-        a, b = f"{side}_hip_motor_a", f"{side}_hip_motor_b"
-        if a in names:
-            rules[pitch], rules[roll] = {a: -0.5, b: 0.5}, {a: -0.5, b: -0.5}
-        else:
-            rules[crank] = {f"{side}_ankle_pitch": 1.0, knee: 1.0}
-    return np.array([[rules[crank].get(name, 0.0) for name in names] for crank in CRANK_JOINTS])
+        pitch, roll = f"{side}_hip_pitch", f"{side}_hip_roll"
+        knee, crank = f"{side}_knee", f"{side}_ankle_crank"
+        rules[f"{side}_hip_motor_a"] = {pitch: -1.0, roll: -1.0}
+        rules[f"{side}_hip_motor_b"] = {pitch: 1.0, roll: -1.0}
+        rules[f"{side}_ankle_pitch"] = {crank: 1.0, knee: -1.0}
+        rules[f"{side}_ankle_rod_pin"] = {knee: 1.0, crank: -1.0}
+    return np.array([[rules[name].get(crank, 0.0) for crank in CRANK_JOINTS] for name in hinges])
 
 
 def _open_chains(spec: mujoco.MjSpec) -> None:
