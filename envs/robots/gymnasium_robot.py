@@ -1,6 +1,9 @@
 """Base classes for robots of other benchmarks, loaded from the MJCF in the gymnasium package.
 
-Quantities of each body in mjData are rebuilt from sensors, so that both simulators provide them.
+The fields cinert, cvel, cfrc_ext and qfrc_actuator of mjData are rebuilt from sensors, so that both
+simulators provide them. They are about the robot's center of mass, in world axes and, like every
+sensor, of the state before the last physics step. The world body and the robot's root joint are
+omitted, since their entries are always zero.
 """
 
 from functools import cached_property
@@ -13,7 +16,6 @@ from mujoco import mjtObj, mjtSensor
 from pydantic import NonNegativeFloat
 from torch import Tensor
 
-from ..physics.interface import Physics
 from ..worlds.options import Count, TaskOptions
 from .runner import Runner
 
@@ -25,7 +27,7 @@ NET = 3  # reduces all contacts of a body to one wrench
 
 
 def sense_contacts(spec: mujoco.MjSpec) -> None:
-    """Name all bodies, and add the sensors that `Bodies.contact_forces` reads."""
+    """Name all bodies, and add the sensors that `GymnasiumRobot.contact_forces` reads."""
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"body_{number}"
     bodies = [body.name for body in spec.bodies[1:]]
@@ -35,7 +37,7 @@ def sense_contacts(spec: mujoco.MjSpec) -> None:
 
 
 def sense_motion(spec: mujoco.MjSpec) -> None:
-    """Add the sensors that the other methods of `Bodies` need, after `sense_contacts`."""
+    """Add the sensors that `GymnasiumHumanoid` reads besides those of `sense_contacts`."""
     bodies = [body.name for body in spec.bodies[1:]]
     _add(spec, "position", mjtSensor.mjSENS_FRAMEPOS, bodies)
     _add(spec, "orientation", mjtSensor.mjSENS_FRAMEQUAT, bodies)
@@ -57,78 +59,6 @@ def _add(
         spec.add_sensor(name=f"{name}/{each}", type=kind, objtype=of, objname=each)
         for each in objects
     ]
-
-
-class Bodies:
-    """The mjData fields cinert, cvel, cfrc_ext and qfrc_actuator, computed from sensors.
-
-    Quantities are about the robot's center of mass, in world axes. Like every sensor, they
-    describe the state before the last physics step. The world body and the robot's root joint are
-    omitted, since their entries are always zero.
-
-    The model has the sensors of `sense_contacts`, and for all but `center` and `contact_forces`
-    those of `sense_motion`.
-    """
-
-    def __init__(self, physics: Physics):
-        self.physics = physics
-        self._views: dict[str, Tensor] = {}
-        mass, inertia = physics.model.body_mass, physics.model.body_inertia
-        self._mass = torch.from_numpy(mass[1:, None]).to(physics.qpos)
-        self._principal = torch.from_numpy(inertia[1:, :, None]).to(physics.qpos)
-        self._identity = torch.eye(3, dtype=torch.float32).to(physics.qpos)
-
-    @property
-    def center(self) -> Tensor:
-        """Return the robot's center of mass (N, 3) in m, as a view."""
-        return self._sensors("center")[:, 0]
-
-    def contact_forces(self) -> Tensor:
-        """Return cfrc_ext (N, B, 6): torque (N m) and force (N) of all contacts on each body."""
-        force, torque, point = self._sensors("contact").split(3, -1)
-        arm = point - self.center[:, None]
-        return -torch.cat([torque + torch.linalg.cross(arm, force), force], -1)
-
-    def inertias(self) -> Tensor:
-        """Return cinert (N, B, 10), the inertia of each body.
-
-        The numbers are the moments xx, yy, zz, xy, xz, yz (kg m^2), mass times position (kg m), and
-        mass (kg).
-        """
-        arm = self._sensors("position") - self.center[:, None]
-        axes = _rotation(self._sensors("orientation"))
-        square = arm.square().sum(-1)[..., None, None]
-        parallel = square * self._identity - arm[..., :, None] * arm[..., None, :]
-        moments = axes @ (self._principal * axes.mT) + self._mass[..., None] * parallel
-        parts = [moments[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-        return torch.cat(
-            [torch.stack(parts, -1), self._mass * arm, self._mass.expand_as(arm[..., :1])], -1
-        )
-
-    def velocities(self) -> Tensor:
-        """Return cvel (N, B, 6): angular (rad/s) and linear velocity (m/s) of each body.
-
-        The linear velocity is that of the body's point at the robot's center of mass.
-        """
-        angular = self._sensors("angular")
-        arm = self.center[:, None] - self._sensors("position")
-        linear = self._sensors("linear") + torch.linalg.cross(angular, arm)
-        return torch.cat([angular, linear], -1)
-
-    @property
-    def joint_forces(self) -> Tensor:
-        """Return qfrc_actuator (N, J): the motor torque on each hinge in N m, as a view."""
-        return self._sensors("joint_force")[..., 0]
-
-    def _sensors(self, name: str) -> Tensor:
-        """Return the readings (N, objects, dim) of the sensors added as `name`, as a view."""
-        if name not in self._views:
-            model = self.physics.model
-            mine = [i for i in range(model.nsensor) if model.sensor(i).name.startswith(f"{name}/")]
-            begin = model.sensor_adr[mine[0]]
-            end = model.sensor_adr[mine[-1]] + model.sensor_dim[mine[-1]]
-            self._views[name] = self.physics.sensors[:, begin:end].unflatten(1, (len(mine), -1))
-        return self._views[name]
 
 
 def _rotation(quaternion: Tensor) -> Tensor:
@@ -177,9 +107,22 @@ class GymnasiumRobot(Runner):
         return (low + high) / 2, (high - low) / 2
 
     @cached_property
-    def bodies(self) -> Bodies:
-        """Return per-body quantities, of a robot with their sensors."""
-        return Bodies(self.physics)
+    def sensed(self) -> dict[str, Tensor]:
+        """Return readings (N, objects, dim) by the name of the added sensors, as views."""
+        model, views = self.physics.model, {}
+        names = [model.sensor(i).name.partition("/")[0] for i in range(model.nsensor)]
+        for name in dict.fromkeys(names):
+            first, number = names.index(name), names.count(name)
+            start, dim = model.sensor_adr[first], model.sensor_dim[first]
+            readings = self.physics.sensors[:, start : start + number * dim]
+            views[name] = readings.unflatten(1, (number, dim))
+        return views
+
+    def contact_forces(self) -> Tensor:
+        """Return cfrc_ext (N, B, 6): torque (N m) and force (N) of all contacts on each body."""
+        force, torque, point = self.sensed["contact"].split(3, -1)
+        arm = point - self.sensed["center"]
+        return -torch.cat([torque + torch.linalg.cross(arm, force), force], -1)
 
     def initial_qpos(self) -> np.ndarray:
         return self.physics.model.qpos0.copy()
@@ -232,17 +175,50 @@ class GymnasiumHumanoid(GymnasiumRobot):
         sense_contacts(spec)
         sense_motion(spec)
 
+    @cached_property
+    def _constants(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Return mass (B, 1) and principal moments (B, 3, 1) of each body, and a matrix of one."""
+        like, model = self.physics.qpos, self.physics.model
+        mass = torch.from_numpy(model.body_mass[1:, None]).to(like)
+        principal = torch.from_numpy(model.body_inertia[1:, :, None]).to(like)
+        return mass, principal, torch.eye(3, dtype=like.dtype, device=like.device)
+
+    def inertias(self) -> Tensor:
+        """Return cinert (N, B, 10), the inertia of each body.
+
+        The numbers are the moments xx, yy, zz, xy, xz, yz (kg m^2), mass times position (kg m), and
+        mass (kg).
+        """
+        mass, principal, identity = self._constants
+        arm = self.sensed["position"] - self.sensed["center"]
+        axes = _rotation(self.sensed["orientation"])
+        square = arm.square().sum(-1)[..., None, None]
+        parallel = square * identity - arm[..., :, None] * arm[..., None, :]
+        moments = axes @ (principal * axes.mT) + mass[..., None] * parallel
+        parts = [moments[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        return torch.cat([torch.stack(parts, -1), mass * arm, mass.expand_as(arm[..., :1])], -1)
+
+    def velocities(self) -> Tensor:
+        """Return cvel (N, B, 6): angular (rad/s) and linear velocity (m/s) of each body.
+
+        The linear velocity is that of the body's point at the robot's center of mass.
+        """
+        angular = self.sensed["angular"]
+        arm = self.sensed["center"] - self.sensed["position"]
+        linear = self.sensed["linear"] + torch.linalg.cross(angular, arm)
+        return torch.cat([angular, linear], -1)
+
     def place(self) -> Tensor:
-        return self.bodies.center[:, :2]
+        return self.sensed["center"][:, 0, :2]
 
     def seen_of_bodies(self) -> dict[str, Tensor]:
-        options, bodies, seen = self.options, self.bodies, {}  # in gymnasium's order
+        options, seen = self.options, {}  # in gymnasium's order
         if options.include_cinert_in_observation:
-            seen["inertias"] = bodies.inertias().flatten(1)
+            seen["inertias"] = self.inertias().flatten(1)
         if options.include_cvel_in_observation:
-            seen["velocities"] = bodies.velocities().flatten(1)
+            seen["velocities"] = self.velocities().flatten(1)
         if options.include_qfrc_actuator_in_observation:
-            seen["joint_forces"] = bodies.joint_forces
+            seen["joint_forces"] = self.sensed["joint_force"][..., 0]
         if options.include_cfrc_ext_in_observation:
-            seen["contact_forces"] = bodies.contact_forces().flatten(1)
+            seen["contact_forces"] = self.contact_forces().flatten(1)
         return seen

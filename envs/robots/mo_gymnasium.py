@@ -143,19 +143,18 @@ class Ant(GymnasiumRobot):
         sense_contacts(spec)
 
     def contact_forces(self) -> Tensor:
-        """Return contact torques (N m) and forces (N), (N, 78), each clipped to [-1, 1]."""
-        return self.bodies.contact_forces().flatten(1).clamp(-1, 1)
+        return super().contact_forces().clamp(-1, 1)
 
     def seen_of_bodies(self) -> dict[str, Tensor]:
         if not self.options.include_cfrc_ext_in_observation:
             return {}
-        return {"contact_forces": self.contact_forces()}
+        return {"contact_forces": self.contact_forces().flatten(1)}
 
     def terms(self) -> dict[str, Tensor]:
         vx, vy = self.velocity().unbind(-1)
         return {
             "healthy": self.healthy(),
-            "contact_cost": self.contact_forces().square().sum(-1),
+            "contact_cost": self.contact_forces().square().sum((1, 2)),
             "ctrl_cost": self.effort(),
             "vx": vx,
             "vy": vy,
@@ -184,7 +183,7 @@ class Humanoid(GymnasiumHumanoid):
         reference_point: Point = (-100.0, -2720.0)
 
     def terms(self) -> dict[str, Tensor]:
-        contact = self.bodies.contact_forces().square().sum((1, 2))
+        contact = self.contact_forces().square().sum((1, 2))
         cost = (5e-7 * contact).clamp(max=10.0)
         return {"healthy": self.healthy(), "contact_cost": cost, **super().terms()}
 
