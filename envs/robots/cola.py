@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..worlds.options import Objectives
 from . import pgmorl
+from .runner import RunEnergy
 
 LEGS = ("back right", "front left", "front right", "back left")  # as the ant's motors are ordered
 
@@ -54,7 +55,7 @@ class HalfCheetah5(pgmorl.HalfCheetah):
     As in the released code, the front thigh belongs to two pairs and the front foot to none.
     """
 
-    class Options(pgmorl.RunEnergy):
+    class Options(RunEnergy):
         objectives: Objectives = {
             "run": {"run": 0.5},
             "jump": {"height": 20.0},

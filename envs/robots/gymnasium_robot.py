@@ -26,39 +26,31 @@ WRENCH = sum(
 NET = 3  # reduces all contacts of a body to one wrench
 
 
-def sense_contacts(spec: mujoco.MjSpec) -> None:
-    """Name all bodies, and add the sensors that `GymnasiumRobot.contact_forces` reads."""
+def sense(spec: mujoco.MjSpec, motion: bool = False) -> None:
+    """Name all bodies, and add the sensors of contacts and, for `GymnasiumHumanoid`, of motion.
+
+    Those of one kind lie next to each other in `sensordata`.
+    """
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"body_{number}"
     bodies = [body.name for body in spec.bodies[1:]]
-    _add(spec, "center", mjtSensor.mjSENS_SUBTREECOM, bodies[:1])
-    for sensor in _add(spec, "contact", mjtSensor.mjSENS_CONTACT, bodies):
-        sensor.intprm[:3] = WRENCH, NET, 1
-
-
-def sense_motion(spec: mujoco.MjSpec) -> None:
-    """Add the sensors that `GymnasiumHumanoid` reads besides those of `sense_contacts`."""
-    bodies = [body.name for body in spec.bodies[1:]]
-    _add(spec, "position", mjtSensor.mjSENS_FRAMEPOS, bodies)
-    _add(spec, "orientation", mjtSensor.mjSENS_FRAMEQUAT, bodies)
-    _add(spec, "linear", mjtSensor.mjSENS_FRAMELINVEL, bodies)
-    _add(spec, "angular", mjtSensor.mjSENS_FRAMEANGVEL, bodies)
     hinges = [joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
-    _add(spec, "joint_force", mjtSensor.mjSENS_JOINTACTFRC, hinges, mjtObj.mjOBJ_JOINT)
-
-
-def _add(
-    spec: mujoco.MjSpec,
-    name: str,
-    kind: mjtSensor,
-    objects: list[str],
-    of: mjtObj = mjtObj.mjOBJ_BODY,
-) -> list[mujoco.MjsSensor]:
-    """Add one sensor per object, next to each other in `sensordata`."""
-    return [
-        spec.add_sensor(name=f"{name}/{each}", type=kind, objtype=of, objname=each)
-        for each in objects
-    ]
+    sensors = [("center", mjtSensor.mjSENS_SUBTREECOM, bodies[:1])]
+    sensors += [("contact", mjtSensor.mjSENS_CONTACT, bodies)]
+    if motion:
+        sensors += [
+            ("position", mjtSensor.mjSENS_FRAMEPOS, bodies),
+            ("orientation", mjtSensor.mjSENS_FRAMEQUAT, bodies),
+            ("linear", mjtSensor.mjSENS_FRAMELINVEL, bodies),
+            ("angular", mjtSensor.mjSENS_FRAMEANGVEL, bodies),
+            ("joint_force", mjtSensor.mjSENS_JOINTACTFRC, hinges),
+        ]
+    for name, kind, objects in sensors:
+        of = mjtObj.mjOBJ_JOINT if objects is hinges else mjtObj.mjOBJ_BODY
+        for each in objects:
+            sensor = spec.add_sensor(name=f"{name}/{each}", type=kind, objtype=of, objname=each)
+            if name == "contact":
+                sensor.intprm[:3] = WRENCH, NET, 1
 
 
 def _rotation(quaternion: Tensor) -> Tensor:
@@ -155,7 +147,6 @@ class HumanoidOptions(TaskOptions):
     """Observe the motor torques (17 numbers)."""
     include_cfrc_ext_in_observation: bool = True
     """Observe the contact forces on each body (78 numbers)."""
-    nconmax: int = 48
     njmax: int = 96
 
 
@@ -172,8 +163,7 @@ class GymnasiumHumanoid(GymnasiumRobot):
 
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
-        sense_contacts(spec)
-        sense_motion(spec)
+        sense(spec, motion=True)
 
     @cached_property
     def _constants(self) -> tuple[Tensor, Tensor, Tensor]:

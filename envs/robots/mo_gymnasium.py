@@ -12,7 +12,7 @@ from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from ..worlds.options import Count, Objectives, Point, TaskOptions
-from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions, sense_contacts
+from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions, sense
 
 STANDING = 1.25  # m, of the hopper
 
@@ -140,7 +140,7 @@ class Ant(GymnasiumRobot):
 
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
-        sense_contacts(spec)
+        sense(spec)
 
     def contact_forces(self) -> Tensor:
         return super().contact_forces().clamp(-1, 1)

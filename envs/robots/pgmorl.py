@@ -16,18 +16,12 @@ from torch import Tensor
 from ..worlds.options import Objectives, TaskOptions
 from . import mo_gymnasium
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
+from .runner import RunEnergy
 
 MAX_SPEED = 4.0  # m/s, of the cheetah; higher speeds earn no more reward
 MAX_PITCH = math.radians(50)  # of the cheetah
 # Control range and gear of the hopper: thigh, leg, foot.
 MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))
-
-
-class RunEnergy(TaskOptions):
-    objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
-    shared: dict[str, float] = {"alive": 1.0}
-    nconmax: int = 16
-    njmax: int = 64
 
 
 class HalfCheetah(mo_gymnasium.HalfCheetah):
@@ -131,11 +125,7 @@ class Swimmer(mo_gymnasium.Swimmer):
 
 
 class Ant(GymnasiumRobot):
-    """MO-Ant-v2: move along x, along y. The robot never fails, not even on its back.
-
-    Velocity is computed from `qpos`. The original uses the torso's body position, which the RK4
-    integrator leaves at its last stage.
-    """
+    """MO-Ant-v2: move along x, along y. The robot never fails, not even on its back."""
 
     model_file = "ant.xml"
     substeps = 5

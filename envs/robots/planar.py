@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..worlds.options import Objectives, TaskOptions
-from .runner import Runner
+from .runner import RunEnergy, Runner
 
 ACTION_SCALE = 3.0
 
@@ -65,9 +65,7 @@ class Walker(Planar):
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0}
 
-    class Options(TaskOptions):
-        objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
-        shared: dict[str, float] = {"alive": 1.0}
+    class Options(RunEnergy):
         nconmax: int = 4
         njmax: int = 22
 

@@ -8,8 +8,15 @@ from torch import Tensor
 
 from ..worlds.environment import Environment
 from ..worlds.mujoco_robot import Part, positions, velocities
+from ..worlds.options import Objectives, TaskOptions
 
 UNITS = {"inertias": "kg m^2, kg m, kg", "velocities": "rad/s, m/s"}  # others are N m, N
+
+
+class RunEnergy(TaskOptions):
+    objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
+    shared: dict[str, float] = {"alive": 1.0}
+    nconmax: int = 16
 
 
 class Runner(Environment):

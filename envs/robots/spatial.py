@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..worlds.mujoco_robot import Part, positions, velocities
 from ..worlds.options import Objectives, TaskOptions
-from .runner import Runner
+from .runner import RunEnergy, Runner
 
 MIN_UPRIGHT = 0.45  # world-z of the ant's up axis, a tilt of 63 degrees
 # The humanoid's motors clip control to [-1, 1]; its energy term uses the unclipped action.
@@ -55,9 +55,7 @@ class Humanoid(Runner):
     substeps = 2
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 3.0}
 
-    class Options(TaskOptions):
-        objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
-        shared: dict[str, float] = {"alive": 1.0}
+    class Options(RunEnergy):
         nconmax: int = 8
         njmax: int = 53
         extremities: bool = False

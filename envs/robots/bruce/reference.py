@@ -183,17 +183,18 @@ class Anchor:
         """
         yaw = tilt[:, 2:] - self.now[:, 2:]  # both turn about the same axis
         turn = rotations.from_angles(torch.cat([tilt[:, :2], yaw], -1))
-        return rotations.positive(rotations.multiply(turn, attitude))
+        seen = rotations.multiply(turn, attitude)
+        return torch.where(seen[:, :1] < 0, -seen, seen)  # the same rotation, with w >= 0
 
     def placed(self, target: Tensor) -> tuple[Tensor, Tensor]:
         """Transform the reference's base (N, 7) of the previous control step to the world.
 
         Returns the position (N, 3) in m and attitude (N, 4).
         """
-        yaw = self.former[:, 2]
-        xy = rotations.turned(target[:, :2], yaw) + self.former[:, :2]
-        attitude = rotations.multiply(rotations.from_yaw(yaw), target[:, 3:])
-        return torch.cat([xy, target[:, 2:3]], -1), attitude
+        xy, yaw = self.former.split([2, 1], -1)
+        position = [rotations.turned(target[:, :2], yaw[:, 0]) + xy, target[:, 2:3]]
+        turn = rotations.from_angles(torch.nn.functional.pad(yaw, (2, 0)))
+        return torch.cat(position, -1), rotations.multiply(turn, target[:, 3:])
 
 
 def _rest(points: Tensor, s: Tensor) -> Tensor:

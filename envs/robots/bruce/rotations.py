@@ -17,22 +17,10 @@ def conjugate(q: Tensor) -> Tensor:
     return torch.cat([q[..., :1], -q[..., 1:]], -1)
 
 
-def positive(q: Tensor) -> Tensor:
-    """Return the same rotation with w >= 0."""
-    return torch.where(q[..., :1] < 0, -q, q)
-
-
 def yaw_of(q: Tensor) -> Tensor:
     """Return the yaw angle (...,) in rad."""
     w, x, y, z = q.unbind(-1)
     return torch.atan2(w * z + x * y, 0.5 - (y * y + z * z))
-
-
-def from_yaw(yaw: Tensor) -> Tensor:
-    """Return the rotation about z by an angle (...,) in rad."""
-    half = yaw / 2
-    zero = torch.zeros_like(yaw)
-    return torch.stack([half.cos(), zero, zero, half.sin()], -1)
 
 
 def from_angles(angles: Tensor) -> Tensor:
