@@ -100,11 +100,7 @@ def from_id(name: str) -> type["GymnasiumWorlds"]:
 
 
 class GymnasiumWorlds(ForeignWorlds):
-    """N environments, stepped one after the other; `from_gymnasium` makes such classes.
-
-    Raises:
-        MorlaxError: an environment fails, or returns values that do not fit its spaces.
-    """
+    """N environments, stepped one after the other; `from_gymnasium` makes such classes."""
 
     make_one: ClassVar[Callable[[], gymnasium.Env]]
     box: ClassVar[Box]  # of actions

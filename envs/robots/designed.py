@@ -23,10 +23,7 @@ def _scale(spec: mujoco.MjSpec, link: str, child: str | None, factor: float) -> 
 
 
 class DesignedHopper(Hopper):
-    """The hopper with thigh and calf of other lengths; heights count from its own standing height.
-
-    Its foot starts as far above the floor as the usual hopper's.
-    """
+    """The hopper with thigh and calf of other lengths; its foot and `z` start where they usually do."""
 
     designs = {"thigh": DesignParameter(0.33, 0.2, 0.5), "calf": DesignParameter(0.32, 0.2, 0.5)}
 
@@ -39,10 +36,7 @@ class DesignedHopper(Hopper):
 
 
 class DesignedCheetah(Cheetah3):
-    """The half-cheetah with three objectives and six link lengths.
-
-    Its lower foot starts as high as that of the usual cheetah.
-    """
+    """The half-cheetah with six link lengths; its lower foot starts as high as usual."""
 
     designs = {
         "back_thigh": DesignParameter(0.297, 0.18, 0.42),

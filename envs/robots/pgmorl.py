@@ -150,8 +150,7 @@ class Ant(GymnasiumRobot):
 class Humanoid(GymnasiumHumanoid):
     """MO-Humanoid-v2, the only one of the seven with 1000-step episodes and noisy starts.
 
-    The observation omits entries that are always zero: those of the world body and the motor forces
-    on the floating base. The energy term uses the action clipped to the motors' control range.
+    The energy term uses the action clipped to the motors' control range.
     """
 
     class Options(HumanoidOptions):

@@ -16,12 +16,7 @@ TRIAL, HOLD = 100, 10  # control steps of random actions from one start, and of 
 
 
 class Draft:
-    """A task for the robot of an MJCF, whose attributes fill in draft.jinja.
-
-    Raises:
-        MorlaxError: MuJoCo cannot load the MJCF, or it has no actuators or no floor to fall on,
-            or the rewarded body has no name.
-    """
+    """A task for the robot of an MJCF, whose attributes fill in draft.jinja."""
 
     def __init__(self, path: Path):
         with user_code(f"MuJoCo cannot load {path}"):

@@ -30,11 +30,7 @@ Delay = Annotated[int, Field(ge=0, le=1000)]
 
 
 class Section(BaseModel):
-    """A group of options.
-
-    Raises:
-        ValidationError: a key is unknown, or a number is not finite or larger than LARGEST.
-    """
+    """A group of options, none of them unknown, infinite or, as numbers, larger than LARGEST."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False

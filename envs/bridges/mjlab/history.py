@@ -1,6 +1,6 @@
 """What actors observe of a task of mjlab: which terms, and how many of their last values."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from fnmatch import filter as matching
 
 import torch
@@ -13,11 +13,7 @@ UNMEASURED = ("base_lin_vel", "motion_anchor_pos_b", "height_scan")
 
 
 def lengths(terms: Iterable[str], sensors: str, history: Mapping[str, int]) -> dict[str, int]:
-    """Return how many values of each of mjlab's terms actors observe; 0: none.
-
-    Raises:
-        MorlaxError: a name or pattern of `history` fits no term, or no term is left.
-    """
+    """Return how many values of each of mjlab's terms actors observe; 0: none."""
     numbers = dict.fromkeys(terms, 1)
     for pattern, number in history.items():
         names = matching(numbers, pattern)
@@ -36,16 +32,11 @@ def lengths(terms: Iterable[str], sensors: str, history: Mapping[str, int]) -> d
 class History:
     """The last values of terms in N worlds, term by term, from oldest to newest.
 
-    mjlab's own buffers move on the CPU, which a recorded step cannot do.
-
-    Args:
-        sizes, numbers: of each term's value, and of the values to keep.
-        worlds: N.
+    `sizes` are those of each term's value, `numbers` how many values to keep. mjlab's own buffers
+    move on the CPU, which a recorded step cannot do.
     """
 
-    def __init__(
-        self, sizes: Sequence[int], numbers: Sequence[int], worlds: int, device: torch.device
-    ):
+    def __init__(self, sizes: list[int], numbers: list[int], worlds: int, device: torch.device):
         most, total = max(numbers), sum(sizes)
         self._frames = torch.zeros(worlds, most, total, dtype=torch.float32, device=device)
         columns, start = torch.arange(most * total).view(most, total), 0
@@ -61,10 +52,7 @@ class History:
         return self._observed(self._moved(values))
 
     def append(self, values: Tensor, restarted: Tensor) -> Tensor:
-        """Keep new values (N, total); where worlds have `restarted` (N,), they are the only ones.
-
-        Returns what is observed, (N, size).
-        """
+        """Keep new values (N, total), alone where `restarted` (N,); returns what is observed."""
         return self._kept(restarted, values, self._moved(values))
 
     def restart(self, which: Tensor, values: Tensor) -> Tensor:

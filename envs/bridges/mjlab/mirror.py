@@ -1,6 +1,6 @@
 """The mirror of a robot of mjlab: joints as in its model, other observations term by term."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -14,10 +14,7 @@ POLAR = (mujoco.mjtSensor.mjSENS_VELOCIMETER, mujoco.mjtSensor.mjSENS_ACCELEROME
 
 
 def mirror_of(
-    env: Any,
-    groups: Sequence[str],
-    tolerance: float = 0.0,
-    lengths: Mapping[str, int] | None = None,
+    env: Any, groups: Sequence[str], tolerance: float = 0.0, lengths: dict[str, int] | None = None
 ) -> Mirror:
     """Return the mirror of mjlab's worlds that see `groups`; for the tolerance, see `check`.
 

@@ -1,7 +1,4 @@
-"""One robot of a task of mjlab, to look at, and what drives it outside.
-
-That is in the shape of unitree_rl_lab's deploy.yaml.
-"""
+"""One robot of a task of mjlab, to look at, and the deploy.yaml that drives it outside."""
 
 import io
 import xml.etree.ElementTree as ET
@@ -221,8 +218,8 @@ class MjlabRobot(MjlabWorlds, Robot):
             params["command_name"] = "base_velocity"
         if label.startswith("motion_"):
             params["command_name"] = "motion"
-        row = {"params": params, "clip": clip, "scale": scale.tolist()}
-        return row | {"history_length": history}
+        scales = scale.tolist()
+        return {"params": params, "clip": clip, "scale": scales, "history_length": history}
 
 
 def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:

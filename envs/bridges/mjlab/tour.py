@@ -1,7 +1,6 @@
 """A task for mjlab: the G1 walks while others move its arms, and punches hit it.
 
-The rules are those of the public teleop-walking-benchmark (rhoyn, 2026), whose robots walk a tour:
-a policy owns legs and waist, the arms go to targets that walk at random, and in every segment of 5
+A policy owns legs and waist, the arms go to targets that walk at random, and in every segment of 5
 s a random joint is hit from a random direction.
 """
 

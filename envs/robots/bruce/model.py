@@ -105,41 +105,30 @@ def _from_crank(hinges: Sequence[str]) -> Array:
 def _open_chains(spec: mujoco.MjSpec) -> None:
     """Replace the closed chains of the legs by tendons that transmit the same motor forces."""
     motor = spec.find_default("motor").joint
-    gains = {a.name: (a.gainprm[0], a.forcerange[1]) for a in spec.actuators}
-    for elements in (spec.sensors[2:], spec.actuators, spec.equalities, spec.tendons):
-        for element in elements:
-            spec.delete(element)
-    pulls = {}
+    for torque in spec.sensors[2:]:  # named like their joints, as actuators are
+        torque.type = mujoco.mjtSensor.mjSENS_ACTUATORFRC
+        torque.objtype = mujoco.mjtObj.mjOBJ_ACTUATOR
+    for name in MOTORS:
+        servo, damper = spec.actuator(name), spec.actuator(f"{name}_damper")
+        force = servo.forcerange[1] or motor.actfrcrange[1]
+        servo.biasprm[2], servo.forcerange = -damper.gainprm[0], [-force, force]
+        servo.ctrlrange = [0, 0]  # unlimited
+        spec.delete(damper)
+    for element in (*spec.equalities, *spec.tendons):
+        spec.delete(element)
     for side in SIDES:
+        pitch, roll, knee = (f"{side}_{joint}" for joint in ("hip_pitch", "hip_roll", "knee"))
+        for name, joints in (
+            (f"{side}_hip_motor_a", {pitch: -1.0, roll: -1.0}),
+            (f"{side}_hip_motor_b", {pitch: 1.0, roll: -1.0}),
+            (f"{side}_ankle_crank", {knee: 1.0, f"{side}_ankle_pitch": 1.0}),
+        ):
+            spec.actuator(name).trntype = mujoco.mjtTrn.mjTRN_TENDON
+            tendon = spec.add_tendon(name=name, armature=motor.armature, damping=motor.damping)
+            for joint, coefficient in joints.items():
+                tendon.wrap_joint(joint, coefficient)
         for part in ("ankle_rod", "ankle_crank_arm", "hip_motor_a_rotor", "hip_motor_b_rotor"):
             spec.delete(spec.body(f"{side}_{part}"))
-        pitch, roll, knee = (f"{side}_{joint}" for joint in ("hip_pitch", "hip_roll", "knee"))
-        pulls[f"{side}_hip_motor_a"] = {pitch: -1.0, roll: -1.0}
-        pulls[f"{side}_hip_motor_b"] = {pitch: 1.0, roll: -1.0}
-        pulls[f"{side}_ankle_crank"] = {knee: 1.0, f"{side}_ankle_pitch": 1.0}
-    for name, joints in pulls.items():
-        tendon = spec.add_tendon(name=name, armature=motor.armature, damping=motor.damping)
-        for joint, coefficient in joints.items():
-            tendon.wrap_joint(joint, coefficient)
-    for name in MOTORS:
-        stiffness, force = gains[name]
-        damping, _ = gains[f"{name}_damper"]
-        force = force or motor.actfrcrange[1]
-        spec.add_actuator(
-            name=name,
-            target=name,
-            trntype=mujoco.mjtTrn.mjTRN_TENDON if name in pulls else mujoco.mjtTrn.mjTRN_JOINT,
-            gainprm=[stiffness] + [0] * 9,
-            biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-            biasprm=[0, -stiffness, -damping] + [0] * 7,
-            forcerange=[-force, force],
-        )
-        spec.add_sensor(
-            name=f"{name}_torque",
-            type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
-            objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
-            objname=name,
-        )
 
 
 def randomized(
