@@ -10,7 +10,6 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.spaces import Box, Space
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import MorlaxError, user_code
@@ -181,7 +180,7 @@ class GymnasiumWorlds(ForeignWorlds):
         module = sys.modules.get(type(env and env.unwrapped).__module__)
         return user_code(f"{self.name}: {label} fails", getattr(module, "__file__", None))
 
-    def _flat(self, observation: Any) -> NDArray[np.float64]:
+    def _flat(self, observation: Any) -> np.ndarray:
         shape = self._space.shape
         if not isinstance(self._space, Box):
             shape = (self.observation_size,)
@@ -190,13 +189,13 @@ class GymnasiumWorlds(ForeignWorlds):
         return _shaped("an observation", observation, shape).reshape(-1)
 
 
-def _shaped(what: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _shaped(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     array = np.asarray(values, np.float64)
     if array.shape != shape:
         raise ValueError(f"{what} of shape {array.shape}, not {shape}")
     return array
 
 
-def _in_float32(values: NDArray[np.float64]) -> Tensor:
+def _in_float32(values: np.ndarray) -> Tensor:
     with np.errstate(over="ignore"):  # infinite numbers end the episode
         return torch.from_numpy(values.astype(np.float32))

@@ -6,7 +6,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import MorlaxError
@@ -19,15 +18,15 @@ class PythonBatch:
     def __init__(self, model: mujoco.MjModel, nsim: int):
         self._model, self._models = model, [model] * nsim
         self._datas = [mujoco.MjData(model) for _ in range(nsim)]
-        self._bound: dict[str, NDArray[Any]] = {}
-        self._expanded: dict[str, NDArray[Any]] = {}
+        self._bound: dict[str, np.ndarray] = {}
+        self._expanded: dict[str, np.ndarray] = {}
 
-    def bind(self, name: str) -> NDArray[Any]:
+    def bind(self, name: str) -> np.ndarray:
         """Return the array `name` of MjData for all worlds, (N, ...), kept up to date."""
         values = np.stack([getattr(data, name) for data in self._datas])
         return self._bound.setdefault(name, values)
 
-    def step(self, ids: NDArray[np.int64] | None, nstep: int) -> None:
+    def step(self, ids: np.ndarray | None, nstep: int) -> None:
         """Advance the worlds of these indices (None: all) by `nstep` time steps."""
         for world in range(len(self._datas)) if ids is None else ids:
             data = self._datas[world]
@@ -37,14 +36,14 @@ class PythonBatch:
             for name, values in self._bound.items():
                 values[world] = getattr(data, name)
 
-    def expand(self, name: str) -> NDArray[Any]:
+    def expand(self, name: str) -> np.ndarray:
         """Return the array `name` of MjModel for all worlds, (N, ...), to write to."""
         if self._models[0] is self._model:
             self._models = [copy.copy(self._model) for _ in self._models]
         self._expanded[name] = self.expanded(name)
         return self._expanded[name]
 
-    def expanded(self, name: str) -> NDArray[Any]:
+    def expanded(self, name: str) -> np.ndarray:
         """Return the array `name` of MjModel of all worlds, (N, ...)."""
         return np.stack([getattr(model, name) for model in self._models])
 
@@ -117,7 +116,7 @@ class MujocoPhysics(Physics):
         self.sensors = torch.zeros(num_worlds, model.nsensordata, dtype=torch.float64)
         self._readings = self._batch.bind("sensordata") if model.nsensordata else None
         self._kept: list[mujoco.MjModel] = []
-        self._moving: NDArray[np.int64] | None = None  # indices of worlds; None: all
+        self._moving: np.ndarray | None = None  # indices of worlds; None: all
 
     def _view(self, name: str) -> Tensor:
         return torch.from_numpy(self._batch.bind(name))

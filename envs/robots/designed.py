@@ -23,7 +23,7 @@ def _scale(spec: mujoco.MjSpec, link: str, child: str | None, factor: float) -> 
 
 
 class DesignedHopper(Hopper):
-    """The hopper with thigh and calf of other lengths; its foot and `z` start where they usually do."""
+    """The hopper with thigh and calf of other lengths; its foot and `z` start as usual."""
 
     designs = {"thigh": DesignParameter(0.33, 0.2, 0.5), "calf": DesignParameter(0.32, 0.2, 0.5)}
 

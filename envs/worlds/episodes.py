@@ -7,13 +7,12 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..devices import Draws
 from ..physics.interface import Physics
 
-Array = NDArray[np.float64]
+Array = np.ndarray
 
 NOISY_STARTS = 1024
 _EQ = mujoco.mjtEq

@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 import torch
 from mujoco import mjtGeom, mjtJoint
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import MorlaxError
@@ -43,8 +42,10 @@ ALIKE, ALMOST = 0.1, 0.3  # in the mean, of rewards and observations, where a to
 
 POSES, ACCELERATION = 8, 1e-4  # random states, and the share by which accelerations may differ
 
-Array = NDArray[np.float64]
-Pairs = tuple[str, NDArray, NDArray]  # a kind of things, their rows (n,) and their partners' (n,)
+Array = np.ndarray
+Pairs = tuple[
+    str, np.ndarray, np.ndarray
+]  # a kind of things, their rows (n,) and their partners' (n,)
 
 
 class Reflection(NamedTuple):
@@ -131,7 +132,7 @@ def posed(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def partners(positions: Array, names: Sequence[str], barred: NDArray | float = 0.0) -> list[int]:
+def partners(positions: Array, names: Sequence[str], barred: Array | float = 0.0) -> list[int]:
     """Return the partner of each of n things: what is at its mirrored place, itself if need be.
 
     `positions` (n, 3) in m, as `posed`; `barred` (n, n) bool: which two cannot be partners.
@@ -300,7 +301,7 @@ class _Comparison:
             center, turn, extents = center + (low + high) / 2, np.eye(3), (high - low) / 2
         return np.concatenate([center, (turn * extents @ turn.T).ravel()])
 
-    def _joints(self, partner: NDArray, velocities: Reflection) -> None:
+    def _joints(self, partner: Array, velocities: Reflection) -> None:
         """Compare joints of one degree of freedom; hinges by the lines that they turn around."""
         model, data = self._model, self._data
         dofs, slides = model.jnt_dofadr, model.jnt_type[:, None] == mjtJoint.mjJNT_SLIDE

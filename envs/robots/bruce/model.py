@@ -14,7 +14,6 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 Chains = Literal["closed", "tree"]
 Feet = Literal["equal", "published"]
@@ -49,7 +48,7 @@ FIELDS = ("geom_friction", "body_mass", "body_ipos", "actuator_gainprm", "actuat
 FRICTION, TORSO_MASS, GAIN = 0.4, 0.3, 0.2  # largest relative change, up or down
 # Shifts of centers of mass along each axis, in m; the torso gets both.
 TORSO_SHIFT, SHIFT = 0.05, 0.01
-Array = NDArray[np.float64]
+Array = np.ndarray
 
 
 def load(chains: Chains = "closed", feet: Feet = "equal") -> mujoco.MjModel:

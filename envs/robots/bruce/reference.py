@@ -9,7 +9,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from . import rotations
@@ -30,11 +29,11 @@ class Library(NamedTuple):
     A gait is two steps that repeat, each a Bezier curve. `benchmarks/plan_gaits.py` plans them.
     """
 
-    vx: NDArray[np.float64]  # (X,) m/s
-    vy: NDArray[np.float64]  # (Y,) m/s
-    joints: NDArray[np.float32]  # (X, Y, 2, 8, 16) control points in crank coordinates
-    base: NDArray[np.float32]  # (X, Y, 2, 8, 6) position, roll, pitch, yaw, in the sole's frame
-    step_time: NDArray[np.float64]  # () s
+    vx: np.ndarray  # (X,) m/s
+    vy: np.ndarray  # (Y,) m/s
+    joints: np.ndarray  # (X, Y, 2, 8, 16) control points in crank coordinates
+    base: np.ndarray  # (X, Y, 2, 8, 6) position, roll, pitch, yaw, in the sole's frame
+    step_time: np.ndarray  # () s
 
     @classmethod
     def load(cls) -> Self:
