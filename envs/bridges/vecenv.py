@@ -58,12 +58,8 @@ def from_vecenv(
         episode_length: Count = steps
         action_scale: PositiveFloat = factor
 
-    members = {
-        "Options": Options,
-        "make_env": staticmethod(make_env),
-        "read_terms": staticmethod(read_terms),
-    }
-    return type("VecEnvWorlds", (VecEnvWorlds,), members)
+    given = {"make_env": staticmethod(make_env), "read_terms": staticmethod(read_terms)}
+    return type("VecEnvWorlds", (VecEnvWorlds,), {"Options": Options, **given})
 
 
 class VecEnvWorlds(ForeignWorlds):

@@ -41,12 +41,10 @@ class HalfCheetah(mo_gymnasium.HalfCheetah):
         return ~(self.physics.qpos[:, 2].abs() < MAX_PITCH)
 
 
-class Hopper(GymnasiumRobot):
+class Hopper(mo_gymnasium.Hopper):
     """MO-Hopper-v2: without joint limits, and with two to six times gymnasium's motor torque."""
 
-    model_file = "hopper.xml"
     substeps = 5
-    fastest_seen = 10.0
 
     class Options(TaskOptions):
         objectives: Objectives = {"run": {"run": 1.5}, "jump": {"jump": 12.0}}

@@ -133,10 +133,7 @@ def _open_chains(spec: mujoco.MjSpec) -> None:
 def randomized(
     model: mujoco.MjModel, given: dict[str, Array], num_worlds: int, seed: int
 ) -> dict[str, Array]:
-    """Draw the model fields (N, ...) that differ between worlds, by name.
-
-    Fields that differ already, `given` (N, ...), replace those of the nominal model.
-    """
+    """Draw the model fields (N, ...) that differ between worlds, on top of `given` ones."""
     random = np.random.default_rng([seed, 1])  # a stream independent of the one that drew `given`
 
     def around(center: float, width: float, *shape: int) -> Array:

@@ -79,10 +79,7 @@ class Reference:
         return {name: getattr(self, name) for name in names}
 
     def gaits(self, velocity: Tensor, leg: Tensor) -> Tensor:
-        """Interpolate the control points (N, 8, 22) of steps at velocities (N, 2), bilinearly.
-
-        `leg` (N,) swings: 0 left, 1 right.
-        """
+        """Interpolate control points (N, 8, 22) of steps of legs (N,) at velocities (N, 2)."""
         at = ((velocity - self._slowest) / self._spacing).clamp(self._first_cell, self._end)
         # clamped again to keep the index valid if a velocity is NaN
         cell = at.long().clamp(self._first_cell, self._last_cell)

@@ -185,22 +185,17 @@ class Bruce(Environment):
             commands[random.random(COMMANDS) < options.standing] = 0.0
             legs, heights = random.integers(0, 2, COMMANDS), random.uniform(1.0, 1.02, COMMANDS)
 
-        def begun(like: Tensor) -> Reference:
-            velocity = torch.from_numpy(commands).to(like)
-            leg = torch.from_numpy(legs).to(like.device)
-            walk, everywhere = Reference(self._library, velocity), torch.ones_like(leg).bool()
-            walk.begin(everywhere, velocity, leg, walk.gaits(velocity, leg))
-            return walk
-
-        walk = begun(torch.from_numpy(commands))  # in float64, for the simulator
+        velocity, leg = torch.from_numpy(commands), torch.from_numpy(legs)
+        walk, everywhere = Reference(self._library, velocity), torch.ones_like(leg).bool()
+        walk.begin(everywhere, velocity, leg, walk.gaits(velocity, leg))
+        first = walk.points, *walk.now()
         walk.elapsed.zero_()
         poses, rates = (t.numpy() for t in walk.now())
         standing = (commands == 0).all(-1)
-        anchors = np.zeros((len(standing), 3))
-        anchors[standing, :2] = -poses[standing, POSITION][:, :2]
-        walk = begun(self.physics.qpos)
-        anchor = torch.from_numpy(anchors).to(walk.velocity)
-        self._first = walk.velocity, walk.leg, anchor, walk.points, *walk.now()
+        anchors = torch.zeros(len(standing), 3, dtype=torch.float64)
+        anchors[standing, :2] = -torch.from_numpy(poses[standing, POSITION][:, :2])
+        device, like = self.physics.device, self.physics.qpos
+        self._first = velocity.to(like), leg.to(device), *(x.to(like) for x in (anchors, *first))
         rows = zip(poses, rates, standing, heights, strict=True)
         return Starts([self._first_state(*row) for row in rows], self.physics)
 
