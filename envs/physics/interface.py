@@ -19,6 +19,7 @@ STATE: dict[str, mujoco.mjtState] = {  # the parts of MuJoCo's state, by their n
     for member, part in mujoco.mjtState.__members__.items()
     if member.startswith("mjSTATE_") and int(part).bit_count() == 1
 }
+Fields = dict[str, np.ndarray]  # of models that differ, (N, ...) each, by their names in MjModel
 MAIN = "qpos", "qvel", "act", "ctrl", "qacc_warmstart"  # those that `Physics` has by name
 
 REMEDIES = {  # for what simulators say of a model
@@ -95,7 +96,7 @@ class Physics(ABC):
         assert which.shape == (self.num_worlds,)
 
     @abstractmethod
-    def vary(self, fields: dict[str, np.ndarray]) -> None:
+    def vary(self, fields: Fields) -> None:
         """Give each world its own model, which differs in `fields` (N, ...), by name.
 
         Derived constants of the model are updated. Worlds keep their state.

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError
-from .interface import STATE, STOPS, Physics, explained
+from .interface import STATE, STOPS, Fields, Physics, explained
 
 
 class PythonBatch:
@@ -67,16 +67,14 @@ except ModuleNotFoundError:
     Batch = PythonBatch  # pyright: ignore[reportAssignmentType]
 
 
-def vary(batch: Any, fields: dict[str, np.ndarray]) -> None:
+def vary(batch: Any, fields: Fields) -> None:
     """Write `fields` (N, ...) into the models of `batch` and update the derived constants."""
     for name, values in fields.items():
         batch.expand(name)[:] = values
     batch.set_const()
 
 
-def varying(
-    model: mujoco.MjModel, num_worlds: int, fields: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
+def varying(model: mujoco.MjModel, num_worlds: int, fields: Fields) -> Fields:
     """Return `fields` and every derived constant that they change in some world, (N, ...)."""
     batch, varied = Batch(model, nsim=num_worlds), {}
     vary(batch, fields)
@@ -130,7 +128,7 @@ class MujocoPhysics(Physics):
     def move_only(self, which: Tensor) -> None:
         self._moving = None if which.all() else which.numpy().nonzero()[0]
 
-    def vary(self, fields: dict[str, np.ndarray]) -> None:
+    def vary(self, fields: Fields) -> None:
         vary(self._batch, fields)
 
     def keep(self, models: list[mujoco.MjModel]) -> None:

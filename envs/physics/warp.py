@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..errors import MorlaxError, line
 from . import compiling
-from .interface import Physics, explained
+from .interface import Fields, Physics, explained
 from .mujoco import MODEL_FIELDS, cannot_vary, varying
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
@@ -106,7 +106,7 @@ class WarpPhysics(Physics):
             for _ in range(self.substeps):
                 mjw.step(self._model, self._data)
 
-    def vary(self, fields: dict[str, np.ndarray]) -> None:
+    def vary(self, fields: Fields) -> None:
         for name, values in varying(self.model, self.num_worlds, fields).items():
             if name not in _VARIABLE:
                 if name in fields:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..devices import Draws, restore_generator
 from ..errors import MorlaxError, user_code, warn_user
-from ..physics.interface import Physics, explained
+from ..physics.interface import Fields, Physics, explained
 from ..physics.mujoco import MujocoPhysics
 from . import checks, episodes, randomization
 from .design_space import Bank, compiled
@@ -194,7 +194,7 @@ class Environment(Robot):
         physics, noise = self.physics, self.options.reset_noise
         return Starts(around(checks.start(self), noise, physics.model, seed), physics)
 
-    def vary_model(self, seed: int) -> dict[str, np.ndarray]:
+    def vary_model(self, seed: int) -> Fields:
         """Draw the model fields (N, ...) that differ between worlds, by name, once for all.
 
         Worlds that share draws need only the first `draws.number` rows.

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..devices import Draws
 from ..errors import MorlaxError, unknown
-from ..physics.interface import Physics
+from ..physics.interface import Fields, Physics
 from ..physics.mujoco import MODEL_FIELDS, cannot_vary
 from .mujoco_robot import Part
 from .options import Randomization
@@ -18,9 +18,7 @@ LINEAR = [int(kind) for kind in (mjtGain.mjGAIN_FIXED, mjtGain.mjGAIN_AFFINE)]
 LINEAR_BIAS = [int(kind) for kind in (mjtBias.mjBIAS_NONE, mjtBias.mjBIAS_AFFINE)]
 
 
-def draw(
-    model: mujoco.MjModel, options: Randomization, num_worlds: int, seed: int
-) -> dict[str, np.ndarray]:
+def draw(model: mujoco.MjModel, options: Randomization, num_worlds: int, seed: int) -> Fields:
     """Draw the model fields (N, ...) that differ between worlds, by name."""
     random, factors = np.random.default_rng(seed), {}
 

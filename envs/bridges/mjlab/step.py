@@ -147,9 +147,7 @@ class MaskedStep:
     def _run(self, term: Any) -> None:
         term.func(self.env, self.everyone, **term.params)
 
-    def _masked(
-        self, mask: Tensor, run: Callable[[], None], rows: list[Tensor] | None = None
-    ) -> None:
+    def _masked(self, mask: Tensor, run: Callable[[], None], rows: Any = None) -> None:
         """Let `run` change physics and `rows`, and keep its changes where the mask (N,) is true.
 
         Without them, that is all tensors of mjlab that have a row for each world.
@@ -171,9 +169,7 @@ class Constants(TorchFunctionMode):
         super().__init__()
         self._kept: dict[tuple[Any, ...], Tensor] = {}
 
-    def __torch_function__(
-        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Any = None
-    ) -> Any:
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
         if func is torch.linalg.eigh:  # reads errors from the GPU; mjlab's own is for 3 x 3
             with self:

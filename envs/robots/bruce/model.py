@@ -15,6 +15,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from ...physics.interface import Fields
+
 Chains = Literal["closed", "tree"]
 Feet = Literal["equal", "published"]
 
@@ -130,9 +132,7 @@ def _open_chains(spec: mujoco.MjSpec) -> None:
             spec.delete(spec.body(f"{side}_{part}"))
 
 
-def randomized(
-    model: mujoco.MjModel, given: dict[str, Array], num_worlds: int, seed: int
-) -> dict[str, Array]:
+def randomized(model: mujoco.MjModel, given: Fields, num_worlds: int, seed: int) -> Fields:
     """Draw the model fields (N, ...) that differ between worlds, on top of `given` ones."""
     random = np.random.default_rng([seed, 1])  # a stream independent of the one that drew `given`
 

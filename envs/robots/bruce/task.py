@@ -10,7 +10,7 @@ from pydantic import Field, NonNegativeFloat, field_validator
 from torch import Tensor
 from torch.linalg import vector_norm
 
-from ...physics.interface import Physics
+from ...physics.interface import Fields, Physics
 from ...worlds.environment import Environment
 from ...worlds.episodes import Start, Starts
 from ...worlds.mujoco_robot import Part
@@ -214,7 +214,7 @@ class Bruce(Environment):
         ctrl[:16] = bruce.motors_from_crank() @ crank
         return Start(qpos, qvel, ctrl)
 
-    def vary_model(self, seed: int) -> dict[str, np.ndarray]:
+    def vary_model(self, seed: int) -> Fields:
         drawn = super().vary_model(seed)
         if not self.options.randomize:
             return drawn
