@@ -45,7 +45,11 @@ class Library(NamedTuple):
 
 
 class Reference:
-    """State of the reference walk, with rows, dtype and device as in `like` (N, ...)."""
+    """State of the reference walk, with rows, dtype and device as in `like` (N, ...).
+
+    Its frame has planar poses in the world: x, y (m) and yaw (rad). Poses of a base, (N, 7), are
+    its position (m) and quaternion.
+    """
 
     def __init__(self, library: Library, like: Tensor):
         curves = torch.cat([torch.from_numpy(library.joints), torch.from_numpy(library.base)], -1)
@@ -67,6 +71,8 @@ class Reference:
         self.step_elapsed = like.new_zeros(N)  # s, of the step
         self.leg = torch.zeros(N, dtype=torch.int64, device=like.device)  # 0: left swings
         self.velocity = like.new_zeros(N, 2)  # m/s, of the segment
+        self.anchor = like.new_zeros(N, 3)  # pose of the frame
+        self.former_anchor = like.new_zeros(N, 3)  # the same in the previous control step
 
     @property
     def phase(self) -> Tensor:
@@ -75,8 +81,8 @@ class Reference:
 
     def state(self) -> dict[str, Tensor]:
         """Return every tensor that persists between steps, by name."""
-        names = ("points", "duration", "elapsed", "step_elapsed", "leg", "velocity")
-        return {name: getattr(self, name) for name in names}
+        names = "points", "duration", "elapsed", "step_elapsed", "leg", "velocity"
+        return {name: getattr(self, name) for name in (*names, "anchor", "former_anchor")}
 
     def gaits(self, velocity: Tensor, leg: Tensor) -> Tensor:
         """Interpolate control points (N, 8, 22) of steps of legs (N,) at velocities (N, 2)."""
@@ -88,9 +94,11 @@ class Reference:
         sides = torch.lerp(corners[:, 0], corners[:, 1], forward[:, None])
         return torch.lerp(sides[:, 0], sides[:, 1], left)
 
-    def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor, points: Tensor) -> None:
+    def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor, points: Tensor, anchor: Tensor):
         """Restart the walk where `fresh` (N,) bool; `points` are `gaits(velocity, leg)`."""
         torch.where(fresh[:, None], velocity, self.velocity, out=self.velocity)
+        for pose in (self.anchor, self.former_anchor):
+            torch.where(fresh[:, None], anchor, pose, out=pose)
         torch.where(fresh, leg, self.leg, out=self.leg)
         self._start_step(fresh, points, EARLY)
 
@@ -130,54 +138,25 @@ class Reference:
         target = torch.cat([value[:, :19], rotations.from_angles(value[:, ANGLES])], -1)
         return target, DEGREE * (last - first) / self.duration[:, None]
 
-    def _start_step(self, where: Tensor, points: Tensor, elapsed: float) -> None:
-        torch.where(where[:, None, None], points, self.points, out=self.points)
-        self.duration.masked_fill_(where, self.step_time)
-        self.elapsed.masked_fill_(where, elapsed)
-        self.step_elapsed.masked_fill_(where, elapsed)
-
-
-class Anchor:
-    """Planar pose of the reference frame in the world: x, y (m) and yaw (rad), (N, 3).
-
-    `now` is the current pose, `former` that of the previous control step. Whenever feet change, the
-    reference is moved to the robot, so drift in position and heading is not penalized.
-
-    Poses of a base, (N, 7), are its position (m) and quaternion. Tensors are (N, ...) like `like`.
-    """
-
-    def __init__(self, like: Tensor):
-        self.now = like.new_zeros(len(like), 3)
-        self.former = self.now.clone()
-
-    def state(self) -> dict[str, Tensor]:
-        """Return every tensor that persists between steps, by name."""
-        return {"anchor": self.now, "former_anchor": self.former}
-
-    def begin(self, fresh: Tensor, anchors: Tensor) -> None:
-        """Reset to `anchors` (N, 3) where `fresh` (N,) bool."""
-        for pose in (self.now, self.former):
-            torch.where(fresh[:, None], anchors, pose, out=pose)
-
-    def advance(self, changed: Tensor, target: Tensor, pose: Tensor) -> None:
-        """Advance one control step; move the reference to the robot where feet `changed` (N,).
+    def follow(self, changed: Tensor, target: Tensor, pose: Tensor) -> None:
+        """Move the frame to the robot where feet `changed` (N,): no drift is penalized.
 
         `target` is the pose of the reference's base in its own frame, `pose` that of the robot's in
         the world.
         """
-        self.former.copy_(self.now)
+        self.former_anchor.copy_(self.anchor)
         inverse = rotations.conjugate(target[:, 3:])
         yaw = rotations.yaw_of(rotations.multiply(inverse, pose[:, 3:]))
         xy = pose[:, :2] - rotations.turned(target[:, :2], yaw)
         there = torch.cat([xy, yaw[:, None]], -1)
-        torch.where(changed[:, None], there, self.now, out=self.now)
+        torch.where(changed[:, None], there, self.anchor, out=self.anchor)
 
     def seen_from(self, attitude: Tensor, tilt: Tensor) -> Tensor:
         """Return a world attitude (N, 4) relative to the reference's heading, then tilted.
 
         `tilt` is roll, pitch and yaw of that other rotation, (N, 3) in rad.
         """
-        yaw = tilt[:, 2:] - self.now[:, 2:]  # both turn about the same axis
+        yaw = tilt[:, 2:] - self.anchor[:, 2:]  # both turn about the same axis
         turn = rotations.from_angles(torch.cat([tilt[:, :2], yaw], -1))
         seen = rotations.multiply(turn, attitude)
         return torch.where(seen[:, :1] < 0, -seen, seen)  # the same rotation, with w >= 0
@@ -187,10 +166,16 @@ class Anchor:
 
         Returns the position (N, 3) in m and attitude (N, 4).
         """
-        xy, yaw = self.former.split([2, 1], -1)
+        xy, yaw = self.former_anchor.split([2, 1], -1)
         position = [rotations.turned(target[:, :2], yaw[:, 0]) + xy, target[:, 2:3]]
         turn = rotations.from_angles(torch.nn.functional.pad(yaw, (2, 0)))
         return torch.cat(position, -1), rotations.multiply(turn, target[:, 3:])
+
+    def _start_step(self, where: Tensor, points: Tensor, elapsed: float) -> None:
+        torch.where(where[:, None, None], points, self.points, out=self.points)
+        self.duration.masked_fill_(where, self.step_time)
+        self.elapsed.masked_fill_(where, elapsed)
+        self.step_elapsed.masked_fill_(where, elapsed)
 
 
 def _rest(points: Tensor, s: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ from ...worlds.episodes import Start, Starts
 from ...worlds.mujoco_robot import Part
 from ...worlds.options import Count, Objectives, TaskOptions
 from . import model as bruce
-from .reference import BASE, JOINTS, POSITION, Anchor, Library, Reference
+from .reference import BASE, JOINTS, POSITION, Library, Reference
 from .rotations import mapped
 
 SEEN = 5  # values of each history in the observation
@@ -153,7 +153,6 @@ class Bruce(Environment):
         self._action, self._filtered = like.new_zeros(2, len(like), 18)
         # Filtered offset from the default pose in rad, and shift of the velocity in m/s.
         self._offset, self._shift = self._filtered.split([16, 2], -1)
-        self._anchor = Anchor(like)
         self._rates = like.new_zeros(len(like), 22)  # of the reference
         # Latest values (N, K, C), newest first. All are views of one buffer, so that one operation
         # pushes or refills them.
@@ -187,12 +186,12 @@ class Bruce(Environment):
 
         velocity, leg = torch.from_numpy(commands), torch.from_numpy(legs)
         walk, everywhere = Reference(self._library, velocity), torch.ones_like(leg).bool()
-        walk.begin(everywhere, velocity, leg, walk.gaits(velocity, leg))
+        anchors = velocity.new_zeros(len(velocity), 3)
+        walk.begin(everywhere, velocity, leg, walk.gaits(velocity, leg), anchors)
         first = walk.points, *walk.now()
         walk.elapsed.zero_()
         poses, rates = (t.numpy() for t in walk.now())
         standing = (commands == 0).all(-1)
-        anchors = torch.zeros(len(standing), 3, dtype=torch.float64)
         anchors[standing, :2] = -torch.from_numpy(poses[standing, POSITION][:, :2])
         device, like = self.physics.device, self.physics.qpos
         self._first = velocity.to(like), leg.to(device), *(x.to(like) for x in (anchors, *first))
@@ -227,8 +226,7 @@ class Bruce(Environment):
         rows, here = self.starts.rows, fresh[:, None]
         command, leg, anchor, points, target, rates = (values[rows] for values in self._first)
         torch.where(here, command, self.command, out=self.command)
-        self._anchor.begin(fresh, anchor)
-        self.reference.begin(fresh, command, leg, points)
+        self.reference.begin(fresh, command, leg, points, anchor)
         torch.where(here, rates, self._rates, out=self._rates)
         value = {"actions": torch.zeros_like(self._action), **self._readings(target)}
         pieces = [value[name] for name, old in self._histories.items() for _ in range(old.shape[1])]
@@ -244,7 +242,7 @@ class Bruce(Environment):
         changed = self.reference.advance(velocity, self.dt)
         target, rates = self.reference.now()
         self._rates.copy_(rates)
-        self._anchor.advance(changed, target[:, BASE], self.physics.qpos[:, :7])
+        self.reference.follow(changed, target[:, BASE], self.physics.qpos[:, :7])
         newest, pieces = {"actions": self._action, **self._readings(target)}, []
         for name, values in self._histories.items():
             pieces += [newest[name], values[:, :-1].flatten(1)]
@@ -262,7 +260,7 @@ class Bruce(Environment):
         gyro = self._noisy(sensors[:, :3], GYRO_NOISE)
         accelerometer = self._noisy(sensors[:, 3:6], ACCELEROMETER_NOISE)
         joints = mapped(self._from_joints, qpos[:, 7:])
-        seen = [self._anchor.seen_from(qpos[:, 3:7], tilt), self._noisy(joints, JOINT_NOISE)]
+        seen = [self.reference.seen_from(qpos[:, 3:7], tilt), self._noisy(joints, JOINT_NOISE)]
         return {
             "gyro": gyro,
             "accelerometer": accelerometer,
@@ -324,7 +322,7 @@ class Bruce(Environment):
         past = self._histories
         joints, actions = past["joints"], self._reach * past["actions"]
         target_joints = past["asked_joints"][:, 1]
-        position, attitude = self._anchor.placed(past["asked_base"][:, 1])
+        position, attitude = self.reference.placed(past["asked_base"][:, 1])
         overlap = (qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
         arms = joints[:, 0, legs:]
         swing = torch.cos(math.pi * (self.reference.phase + self.reference.leg))[:, None]
@@ -360,6 +358,5 @@ class Bruce(Environment):
             "shift": self._shift,
             "rates": self._rates,
             **{f"_{name}": values for name, values in self._histories.items()},
-            **self._anchor.state(),
             **self.reference.state(),
         }
