@@ -2,9 +2,7 @@
 in Multi-Objective Reinforcement Learning", Felten et al., NeurIPS 2023.
 
 Rewards, observations, terminations, frame skips, episode lengths and the size of the reset noise
-match the originals; docs/tasks.md lists what differs. The reference points are our choice: -100 per
-objective, and for control minus the largest possible cost of an episode. mo-reacher-v5 is missing
-because its actions are discrete.
+match the originals; docs/tasks.md lists what differs, and tells how reference points are chosen.
 """
 
 import mujoco

@@ -78,8 +78,7 @@ def test_the_sum_of_all_objectives_is_the_reward_of_mjlab(go1):
 def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch):
     monkeypatch.setattr(worlds, "supported", lambda *_: False)
     go1 = envs.make(GO1, 4, "cpu", episode_length=7)
-    restarted = []
-    usual = go1.env._reset_idx
+    restarted, usual = [], go1.env._reset_idx
     monkeypatch.setattr(
         go1.env, "_reset_idx", lambda ids: (restarted.extend(ids.tolist()), usual(ids))[1]
     )

@@ -81,13 +81,9 @@ class Following(Measures):
 
     def look(self) -> None:
         """Keep the frame of the motion that the next step is measured against, as mjlab does."""
-        command = self._command
-        self._frame = SimpleNamespace(
-            cfg=command.cfg,
-            body_pos_w=command.body_pos_w.clone(),
-            body_pos_relative_w=command.body_pos_relative_w.clone(),
-            joint_vel=command.joint_vel.clone(),
-        )
+        names = "body_pos_w", "body_pos_relative_w", "joint_vel"
+        kept = {name: getattr(self._command, name).clone() for name in names}
+        self._frame = SimpleNamespace(cfg=self._command.cfg, **kept)
 
     def start(self, episodes: Tensor, length: int) -> None:
         """Start each of `episodes` (N,) at its frame, so early that it ends before the motion."""
