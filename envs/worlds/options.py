@@ -30,7 +30,7 @@ Delay = Annotated[int, Field(ge=0, le=1000)]
 
 
 class Section(BaseModel):
-    """A group of options, none of them unknown, infinite or, as numbers, larger than LARGEST."""
+    """A group of options; unknown keys, infinite numbers and those above LARGEST are refused."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False

@@ -88,8 +88,7 @@ def test_worlds_restart_once_and_their_last_observation_is_kept(monkeypatch):
         step = go1.step(noise(go1))
         over = step.terminated | step.truncated
         assert restarted == over.nonzero().squeeze(1).tolist()
-        moved = (step.critic_observation != step.final_critic_observation).any(1)
-        assert torch.equal(moved, over)
+        assert torch.equal((step.critic_observation != step.final_critic_observation).any(1), over)
         assert torch.equal(step.observation, step.critic_observation[:, : go1.observation_size])
         assert (go1.env.episode_length_buf[over] == 0).all()
         assert (go1.env.episode_length_buf < 7).all()

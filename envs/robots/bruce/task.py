@@ -183,7 +183,6 @@ class Bruce(Environment):
             commands = random.uniform(-1, 1, (COMMANDS, 2)) * options.fastest
             commands[random.random(COMMANDS) < options.standing] = 0.0
             legs, heights = random.integers(0, 2, COMMANDS), random.uniform(1.0, 1.02, COMMANDS)
-
         velocity, leg = torch.from_numpy(commands), torch.from_numpy(legs)
         walk, everywhere = Reference(self._library, velocity), torch.ones_like(leg).bool()
         anchors = velocity.new_zeros(len(velocity), 3)
