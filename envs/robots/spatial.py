@@ -73,18 +73,10 @@ class Humanoid(Runner):
         return qpos
 
     def observe(self) -> Tensor:
-        sensor = self.physics.sensor
-        return torch.cat(
-            [
-                self.physics.qpos[:, 7:],
-                sensor("head")[:, 2:],
-                *self.extremities,
-                *(sensor(f"torso_{axis}")[:, 2:] for axis in "xyz"),
-                sensor("velocity"),
-                self.physics.qvel,
-            ],
-            -1,
-        )
+        sensor, qpos = self.physics.sensor, self.physics.qpos
+        axes = [sensor(f"torso_{axis}")[:, 2:] for axis in "xyz"]
+        seen = [qpos[:, 7:], sensor("head")[:, 2:], *self.extremities, *axes, sensor("velocity")]
+        return torch.cat([*seen, self.physics.qvel], -1)
 
     def layout(self) -> list[Part]:
         model = self.physics.model

@@ -43,9 +43,7 @@ ALIKE, ALMOST = 0.1, 0.3  # in the mean, of rewards and observations, where a to
 POSES, ACCELERATION = 8, 1e-4  # random states, and the share by which accelerations may differ
 
 Array = np.ndarray
-Pairs = tuple[
-    str, np.ndarray, np.ndarray
-]  # a kind of things, their rows (n,) and their partners' (n,)
+Pairs = tuple[str, Array, Array]  # a kind of things, their rows (n,) and their partners' (n,)
 
 
 class Reflection(NamedTuple):

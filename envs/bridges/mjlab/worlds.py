@@ -340,9 +340,8 @@ def add_terms(cfg: Any) -> None:
     robot = managers.SceneEntityCfg(next(iter(cfg.scene.entities)), joint_names=(".*",))
     for term, params in (*((term, {"asset_cfg": robot}) for term in EFFORT), (ALIVE, {})):
         if term not in cfg.rewards:
-            cfg.rewards[term] = managers.RewardTermCfg(
-                func=getattr(functions, term), weight=0.0, params=params
-            )
+            function = getattr(functions, term)
+            cfg.rewards[term] = managers.RewardTermCfg(func=function, weight=0.0, params=params)
 
 
 def _set_range(cfg: Any, path: str, limits: tuple[float, float]) -> None:

@@ -119,9 +119,8 @@ class Reference:
         self.leg ^= changed
         # Feet change long after BLENDING, so no world needs a gait for both.
         gaits = self.gaits(self.velocity, self.leg)
-        rests = _rest(
-            torch.stack([self.points, gaits], 1), torch.stack([done, 1 - rest / self.step_time], 1)
-        )
+        shares = torch.stack([done, 1 - rest / self.step_time], 1)
+        rests = _rest(torch.stack([self.points, gaits], 1), shares)
         blended = torch.lerp(rests[:, 0], rests[:, 1], self._blend)
         torch.where(blendable[:, None, None], blended, self.points, out=self.points)
         self._start_step(changed, gaits, LATE)
