@@ -47,6 +47,9 @@ class Velocity:
         ahead[:, 0] = wish[:, 0].abs().clamp(min=0.3)
         refill(mask, torch.where(term.is_forward_env[:, None], ahead, wish), term.vel_command_b)
 
+    def go_on(self) -> None:
+        """Leave the robots as they are, as a velocity does within an episode."""
+
     def pass_time(self, dt: Tensor) -> None:
         """Let time pass, (N,) seconds: draw new commands, and turn those to a heading."""
         term, cfg, command = self._term, self._term.cfg, self._term.vel_command_b
@@ -95,6 +98,10 @@ class Motion:
         self._masked(over | ended, partial(term._resample_command, self._everyone))
         term.time_steps.add_(over).clamp_(max=total - 1)  # mjlab moves on after drawing
         term._pending_forward = False  # the step computes positions of bodies anyway
+
+    def go_on(self) -> None:
+        """Go on by a frame within an episode, and to a new one after the last."""
+        self.restart(torch.zeros_like(self._term.time_steps, dtype=torch.bool))
 
     def _draw_frames(self, worlds: Tensor) -> None:
         """Draw frames for some worlds (n,): half evenly, half with mjlab's chances of a second."""

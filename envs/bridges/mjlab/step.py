@@ -73,7 +73,7 @@ class MaskedStep:
                 self._restart(over)
             elif not over.any():  # else a motion stays where the episode ended
                 for command in self.commands:
-                    command.restart(over)
+                    command.go_on()
             sim.forward()
             for command in self.commands:
                 command.pass_time(torch.where(over, 0.0, env.step_dt).float())
