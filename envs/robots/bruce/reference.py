@@ -94,7 +94,9 @@ class Reference:
         sides = torch.lerp(corners[:, 0], corners[:, 1], forward[:, None])
         return torch.lerp(sides[:, 0], sides[:, 1], left)
 
-    def begin(self, fresh: Tensor, velocity: Tensor, leg: Tensor, points: Tensor, anchor: Tensor):
+    def begin(
+        self, fresh: Tensor, velocity: Tensor, leg: Tensor, points: Tensor, anchor: Tensor
+    ) -> None:
         """Restart the walk where `fresh` (N,) bool; `points` are `gaits(velocity, leg)`."""
         torch.where(fresh[:, None], velocity, self.velocity, out=self.velocity)
         for pose in (self.anchor, self.former_anchor):
