@@ -1,7 +1,6 @@
 """rsl_rl's own PPO for a family of policies: one hypernetwork for every trade-off."""
 
 import os
-from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Any, NoReturn
 
@@ -42,55 +41,23 @@ class ParetoPPO(PPO):
     changes what such a script shows: weights such as 0.2,0.8, or `all`, which spreads trade-offs
     over the worlds.
 
-    Args:
-        actor, critic: of m objectives.
-        storage: rows of the worlds that learn, the first ones.
-        warmup: rollouts that learn the actor's focus alone.
-        rewards: binds to the worlds when training starts, and returns their rewards.
-        front: of the other worlds.
-        objectives: their names.
-        config: returns that of the policies as a run of morlax, if they can be one.
-        ppo: further arguments of PPO.
+    Raises:
+        MorlaxError: an option is wrong, or a model or an extension of rsl_rl is not supported.
     """
 
     actor: FamilyModel
     critic: FamilyModel
     storage: FamilyStorage
 
-    def __init__(
-        self,
-        actor: FamilyModel,
-        critic: FamilyModel,
-        storage: FamilyStorage,
-        *,
-        warmup: int,
-        rewards: Callable[[], ObjectiveRewards],
-        front: WorldFront | None,
-        objectives: Sequence[str],
-        config: Callable[[ObjectiveRewards], Config | None],
-        **ppo: Any,
-    ):
-        super().__init__(actor, critic, storage, **ppo)
-        self.front, self.objectives = front, [*objectives]
-        self._bind, self._make_config = rewards, config
-        self._rewards: ObjectiveRewards | None = None
-        self._config: Config | None = None
-        self._warmup, self._rollouts = warmup, 0
-        self._centers = actor.tradeoffs
-        self._paid = torch.zeros_like(actor.tradeoffs[0])
-        self._logged: dict[str, float] = {}
-
     @staticmethod
     def construct_algorithm(
         obs: TensorDict, env: Any, cfg: dict[str, Any], device: str
     ) -> "ParetoPPO":
-        """Construct the algorithm from rsl_rl's config, for its runner.
+        return resolve_callable(cfg["algorithm"]["class_name"])(obs, env, cfg, device)
 
-        Raises:
-            MorlaxError: an option is wrong, or a model or an extension of rsl_rl is not supported.
-        """
+    def __init__(self, obs: TensorDict, env: Any, cfg: dict[str, Any], device: str):
         algorithm = resolve_symmetry_config(cfg["algorithm"], env)
-        kind = resolve_callable(algorithm.pop("class_name"))
+        algorithm.pop("class_name")
         options = take_options(algorithm)
         _check_supported(cfg)
         cfg["obs_groups"] = groups = resolve_obs_groups(obs, cfg["obs_groups"], ["actor", "critic"])
@@ -136,17 +103,19 @@ class ParetoPPO(PPO):
             *(m, K, "rl", learning, cfg["num_steps_per_env"], obs[:learning]),
             *([env.num_actions], device),
         )
-        return kind(
-            *(actor, critic, storage),
-            device=device,
-            warmup=options.warmup,
-            rewards=rewards,
-            front=front,
-            objectives=names,
-            config=partial(config_of, env, options, cfg, actor, storage),
-            multi_gpu_cfg=cfg["multi_gpu"],
-            **algorithm,
+        multi_gpu = cfg["multi_gpu"]
+        super().__init__(
+            actor, critic, storage, device=device, multi_gpu_cfg=multi_gpu, **algorithm
         )
+        self.front, self.objectives = front, names
+        self._bind = rewards  # when training starts
+        self._make_config = partial(config_of, env, options, cfg, actor, storage)
+        self._rewards: ObjectiveRewards | None = None
+        self._config: Config | None = None  # of the policies as a run of morlax, if they can be one
+        self._warmup, self._rollouts = options.warmup, 0
+        self._centers = actor.tradeoffs
+        self._paid = torch.zeros_like(actor.tradeoffs[0])
+        self._logged: dict[str, float] = {}
 
     def act(self, obs: TensorDict) -> Tensor:
         if self.storage.step == 0:

@@ -8,7 +8,7 @@ import copy
 import threading
 from abc import ABC, abstractmethod
 from functools import partial
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
@@ -20,30 +20,40 @@ from ..gpu import fused
 from .mlp import Symmetric, mlp_sizes
 
 
-class Family(Protocol):
-    """A network for every condition: `Hypernetwork`, `Conditioned` or `Independent`.
-
-    `run` may choose a fused kernel, which changes no result.
-    """
+class Family(nn.Module, ABC):
+    """A network for every condition: `Hypernetwork`, `Conditioned` or `Independent`."""
 
     shapes: dict[str, torch.Size]
     """Parameters of the network that a user may have made, by name."""
 
-    def __call__(self, conditions: Tensor) -> dict[str, Tensor]:
-        """Map conditions (K, m + d) to parameters by name, (K, ...) each."""
-        ...
+    def __init__(self, network: nn.Module):
+        super().__init__()
+        self.shapes = {name: value.shape for name, value in network.named_parameters()}
 
+    @abstractmethod
+    def forward(self, conditions: Tensor) -> dict[str, Tensor]:
+        """Map conditions (K, m + d) to parameters by name, (K, ...) each.
+
+        Their trade-offs are scaled to sum to one.
+
+        Raises:
+            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
+        """
+
+    @abstractmethod
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
-        """Run K networks, each on its own inputs (K, B, ...), to outputs (K, B, ...)."""
-        ...
+        """Run K networks, each on its own inputs (K, B, ...), to outputs (K, B, ...).
 
+        MLPs run in fused kernels where there are some; results are the same up to rounding.
+        """
+
+    @abstractmethod
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
         """Run one network, with parameters (...) each, on its inputs (B, ...)."""
-        ...
 
+    @abstractmethod
     def specialize(self, condition: Tensor) -> nn.Module:
-        """Return the plain network of one condition (m + d,)."""
-        ...
+        """Return a plain copy of the network of one condition (m + d,)."""
 
 
 def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
@@ -64,7 +74,7 @@ def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
     return conditions / sums
 
 
-class Conditioned(nn.Module):
+class Conditioned(Family):
     """One network for every trade-off w, which it takes beside its input x: g(x, w).
 
     (AMOR: Alegre et al., 2025. A hypernetwork instead generates the network's parameters.) The
@@ -73,14 +83,12 @@ class Conditioned(nn.Module):
     """
 
     def __init__(self, network: nn.Module, num_objectives: int | None = None):
-        super().__init__()
+        super().__init__(network)
         self._num_objectives = num_objectives
         self.network = copy.deepcopy(network)
-        self.shapes = {name: value.shape for name, value in network.named_parameters()}
         self._mlp = mlp_sizes(network)
 
     def forward(self, conditions: Tensor) -> dict[str, Tensor]:
-        """Return {"condition": (K, m + d)}; their trade-offs are scaled to sum to one."""
         return {"condition": on_simplex(conditions, self._num_objectives)}
 
     def run(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
@@ -127,7 +135,7 @@ class PerThread(threading.local):
         return PerThread, (self.original,)
 
 
-class Generated(nn.Module, ABC):
+class Generated(Family):
     """Runs copies of a target module, each with its own parameters.
 
     A subclass maps conditions (K, m + d) to rows of P parameters (`flat`). Any target that
@@ -136,10 +144,9 @@ class Generated(nn.Module, ABC):
     """
 
     def __init__(self, target: nn.Module):
-        super().__init__()
         if not isinstance(target, nn.Module):
             raise MorlaxError(f"the target must be an nn.Module, not {shortened(target)}.")
-        self.shapes = {name: value.shape for name, value in target.named_parameters()}
+        super().__init__(target)
         if not self.shapes:
             raise MorlaxError("the target has no parameters, so there is nothing to generate.")
         self.sizes = [shape.numel() for shape in self.shapes.values()]
@@ -165,13 +172,6 @@ class Generated(nn.Module, ABC):
         """Map conditions (K, m + d) to parameters (K, P), in the order of `shapes`."""
 
     def forward(self, conditions: Tensor) -> dict[str, Tensor]:
-        """Map conditions (K, m + d) to parameters: name -> (K, *shape).
-
-        Their trade-offs are scaled to sum to one.
-
-        Raises:
-            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
-        """
         return self.split(self.flat(conditions))
 
     def split(self, flat: Tensor) -> dict[str, Tensor]:
@@ -179,12 +179,7 @@ class Generated(nn.Module, ABC):
         named = zip(self.shapes.items(), flat.split(self.sizes, dim=-1), strict=True)
         return {name: values.reshape((*flat.shape[:-1], *shape)) for (name, shape), values in named}
 
-    def run(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run K networks, each on its own inputs (K, ...); returns their outputs (K, ...).
-
-        MLPs run in fused kernels where there are some; the result is that of `torch.vmap`, up to
-        rounding.
-        """
+    def run(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
         definition = partial(vmap(self.run_one, randomness="different"), parameters, *inputs)
         if not self._mlp or len(inputs) != 1:
             return definition()
@@ -201,13 +196,11 @@ class Generated(nn.Module, ABC):
         plain, image = outputs.chunk(2, 1)
         return target.mixed(plain, mirror_outputs(image))
 
-    def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor):
-        """Run one network, with parameters of the target's own shapes, on the target's inputs."""
+    def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
         named = {**parameters, **self._buffers_of_family()}
         return functional_call(self._target.copy, named, inputs)
 
     def specialize(self, condition: Tensor) -> nn.Module:
-        """Return a plain copy of the target with the parameters of one condition (m + d,)."""
         with torch.no_grad():
             flat = self.flat(condition[None])[0]
             network = copy.deepcopy(self.target).to(flat)  # its device and type
