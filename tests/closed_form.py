@@ -31,18 +31,9 @@ class OneStep(envs.Worlds):
     reward_terms: ClassVar[tuple[str, ...]] = ("left", "right")
 
     def __init__(self, options, num_worlds, device, seed, auto_reset):
-        self.options, self.num_worlds, self.device = options, num_worlds, device
-        self.auto_reset = auto_reset
-        self.generator = torch.Generator(device).manual_seed(seed)
+        super().__init__(options, num_worlds, device, seed, auto_reset)
+        self.episode_length = type(self).episode_length
         self.define_objectives()
-        self.blowups = torch.zeros((), dtype=torch.int64, device=device)
-
-    @classmethod
-    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
-        return cls(options, num_worlds, device, seed, auto_reset)
-
-    def reset(self) -> Tensor:
-        return self.critic_observation()
 
     def restart(self, which: Tensor) -> Tensor:
         return self.critic_observation()
@@ -151,9 +142,6 @@ class Sprint(OneStep):
     def front(cls, number: int) -> Tensor:
         x = torch.linspace(0, 1, number)
         return torch.stack([cls.far(x), 1 - x.square()], 1)
-
-    def reset(self) -> Tensor:
-        return self.restart(torch.ones_like(self.x, dtype=torch.bool))
 
     def restart(self, which: Tensor) -> Tensor:
         self.x.masked_fill_(which, 0.0)

@@ -3,7 +3,7 @@
 mjlab imports this module by its entry point `mjlab.tasks`, and then lists them beside its own.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mjlab.rl import RslRlPpoAlgorithmCfg  # pyright: ignore[reportMissingImports]
@@ -54,9 +54,8 @@ class ParetoPpoCfg(RslRlPpoAlgorithmCfg):
 def register(task: str, **options: Any) -> None:
     """Register the twin of a task of mjlab, with these options of `ParetoPPO`."""
     rl = registry.load_rl_cfg(task)
-    ppo = {option.name: getattr(rl.algorithm, option.name) for option in fields(rl.algorithm)}
-    ppo["class_name"] = ParetoPpoCfg.class_name
-    algorithm = ParetoPpoCfg(**ppo, **options, focus=FOCUS, task=f"mjlab:{task}")
+    values = {**vars(rl.algorithm), "class_name": ParetoPpoCfg.class_name}
+    algorithm = ParetoPpoCfg(**values, **options, focus=FOCUS, task=f"mjlab:{task}")
     configs = [registry.load_env_cfg(task, play=play) for play in (False, True)]
     for config in configs:
         add_terms(config)

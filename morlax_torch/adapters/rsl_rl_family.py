@@ -200,15 +200,9 @@ class FamilyStorage(RolloutStorage):
         self, num_mini_batches: int, num_epochs: int = 8
     ) -> Iterator[RolloutStorage.Batch]:
         """Yield shuffled minibatches, in which row r still belongs to trade-off r % K."""
-        flat = {
-            "observations": self.observations,
-            "actions": self.actions,
-            "values": self.values,
-            "returns": self.returns,
-            "advantages": self.advantages,
-            "old_actions_log_prob": self.actions_log_prob,
-        }
-        flat = {name: values.flatten(0, 1) for name, values in flat.items()}
+        names = "observations", "actions", "values", "returns", "advantages"
+        flat = {name: getattr(self, name).flatten(0, 1) for name in names}
+        flat["old_actions_log_prob"] = self.actions_log_prob.flatten(0, 1)
         before = [values.flatten(0, 1) for values in self.distribution_params or ()]
         groups = self.rewards.new_empty(len(before[0]) // self.tradeoffs, self.tradeoffs)
         random = groups.uniform_().argsort(0)

@@ -65,9 +65,6 @@ class Replay:
         episodes = self._terminated, self._over, self.stored
         return [self._observation, self._following, self._action, self._reward, *episodes]
 
-    def clear(self) -> None:
-        self.stored.zero_()
-
     def add(self, rollout: Rollout) -> None:
         """Store the T steps of a rollout in place of the oldest ones."""
         steps = len(rollout.reward)
@@ -166,8 +163,8 @@ class HyperSAC(Learner):
         self.replay = Replay(capacity, env)
         self._held = 0  # environment steps stored since the replay was empty
         self._losses = self.tradeoffs.new_zeros(len(METRICS))
-        self._sums.append(self._losses)
-        self._updates = 0  # that losses are sums over
+        self._updates = self.tradeoffs.new_zeros(())  # that losses are sums over
+        self._sums += [self._losses, self._updates]
         start = torch.tensor(math.log(self.options.temperature), dtype=torch.float32, device=device)
         self.log_temperature = nn.Parameter(start)
         rate, families = self.options.learning_rate, (self.agent.actor, self.agent.critic)
@@ -206,7 +203,6 @@ class HyperSAC(Learner):
         self._held += self.config.worlds * self.config.horizon
         if self._held >= self.options.start:
             super()._learn_from_it()
-            self._updates += self.options.updates
 
     @torch.no_grad()
     def _explore(self, steps: int | None = None) -> None:
@@ -293,6 +289,7 @@ class HyperSAC(Learner):
             surplus = entropy - options.entropy * self.env.action_size
             losses = policy_loss, value_loss, entropy, policy.std.mean()
             self._losses += torch.stack([loss.detach() for loss in losses])
+            self._updates += 1
         self._follow(options.target_rate)
         tempering.step(self.log_temperature.exp() * surplus)
 
@@ -302,18 +299,14 @@ class HyperSAC(Learner):
         torch._foreach_lerp_(self._state["target"], [*self.agent.critic.parameters()], rate)
 
     def _means(self) -> dict[str, Tensor]:
-        losses = zip(METRICS, self._losses / max(1, self._updates), strict=True)
+        losses = zip(METRICS, self._losses / self._updates.clamp(min=1), strict=True)
         temperature = self.log_temperature.detach().exp()
         return {**dict(losses), **super()._means(), "temperature": temperature}
-
-    def _restart_metrics(self) -> None:
-        super()._restart_metrics()
-        self._updates = 0
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         transitions = self._process_state.get("transitions", [])
         if not transitions or "transitions" not in state:
-            self.replay.clear()
+            self.replay.stored.zero_()
             state = {**state, "transitions": transitions}
         super().load_state_dict(state)
         self._held = int(self.replay.stored) * self.config.worlds

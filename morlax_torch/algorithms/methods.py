@@ -114,7 +114,7 @@ class HyperMORL(Trainer):
 
     def _draw(self) -> None:
         sample_cells(self.tradeoffs, self._centers, self.generator)
-        balanced = torch.full_like(self.tradeoffs, 1 / self.tradeoffs.shape[1])
+        balanced = 1 / self.tradeoffs.shape[1]
         self.tradeoffs.copy_(torch.where(self._warming_up, balanced, self.tradeoffs))
 
     def _start_hypernetwork(self) -> None:

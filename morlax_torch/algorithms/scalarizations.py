@@ -197,7 +197,9 @@ class OwnUtility(Scalarization):
         if not self.weights(corners, corners + 1.0).isfinite().all():
             raise MorlaxError(f"the derivative of the utility {name} is not finite.")
 
-    def utility(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+    @torch.enable_grad()
+    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
+        returns = returns.detach().requires_grad_()
         with user_code(f"the utility {self._name} fails", self._name.rpartition(":")[0]):
             utility = self._function(tradeoffs, returns)
         if not isinstance(utility, Tensor) or utility.shape != returns.shape[:1]:
@@ -207,12 +209,6 @@ class OwnUtility(Scalarization):
                 f"{self._name} must return one utility per row, ({K},) of trade-offs and returns "
                 f"({K}, {m}), but returned {shape}."
             )
-        return utility
-
-    @torch.enable_grad()
-    def weights(self, tradeoffs: Tensor, returns: Tensor) -> Tensor:
-        returns = returns.detach().requires_grad_()
-        utility = self.utility(tradeoffs, returns)
         try:
             return torch.autograd.grad(utility.sum(), returns)[0]
         except torch.OutOfMemoryError:

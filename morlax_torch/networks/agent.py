@@ -196,9 +196,7 @@ class Agent(nn.Module):
     def own_networks(self) -> dict[str, dict[str, list[int]]]:
         """Return the parameter shapes of user-made networks: network -> parameter -> shape."""
         return {
-            name: {
-                parameter: list(shape) for parameter, shape in getattr(self, name).shapes.items()
-            }
+            name: {key: list(shape) for key, shape in getattr(self, name).shapes.items()}
             for name in self._own
         }
 
