@@ -4,6 +4,7 @@ import secrets
 import time
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +24,7 @@ from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError, Robot, Worlds
 from ..envs.errors import shortened, unknown
 from ..envs.worlds import checks
+from ..envs.worlds.trees import forwarded
 from ..gpu.graph import Graph
 from ..host.resources import one_thread
 from ..viewers.camera import FollowingCamera
@@ -47,12 +49,11 @@ class Pictures:
     def __init__(self, robot: Robot, width: int, height: int):
         check_size(width, height)
         model = robot.physics.model
-        self._model, self._data, self._dt = model, mujoco.MjData(model), robot.dt
+        self._model, self._data, self._dt = model, forwarded(model), robot.dt
         self._size = width, height
         self._scene: Scene | None = None
         self._viewer: Any = None
         # all pictures share the camera's distance, which is chosen by the model's own pose
-        mujoco.mj_forward(model, self._data)
         self._camera = FollowingCamera(model, width / height, base=robot.base)
         self._camera.restart(self._data)
 
@@ -271,9 +272,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
             return self._pictures.show(*state)
         return self._pictures.draw(*state)
 
-    def close(self) -> None:
-        """Close the window and free the renderer."""
-        self.close_extras()
+    close = OneTask.close_extras
 
 
 class Stepping:
@@ -424,10 +423,8 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
 
 def _one_seed(seeds: Sequence[int], number: int) -> int:
     """Mix the seeds of N worlds into one, because one generator draws for all of them."""
-    try:
+    with suppress(TypeError, ValueError):
         if len(seeds) == number:
             return int(np.random.SeedSequence(seeds).generate_state(1, np.uint64)[0])
-    except (TypeError, ValueError):
-        pass
     needed = f"an integer from 0, or one for each of the {number} worlds"
     raise MorlaxError(f"the seed of reset must be {needed}, not {shortened(seeds)}.")

@@ -1,8 +1,8 @@
 """rsl_rl's own PPO for a family of policies: one hypernetwork for every trade-off."""
 
 import os
-from functools import cache, partial
-from typing import Any, NoReturn
+from functools import cache
+from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
@@ -10,18 +10,20 @@ from rsl_rl.extensions import resolve_symmetry_config
 from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_callable, resolve_obs_groups
 from tensordict import TensorDict
-from torch import Tensor
+from torch import Tensor, nn
 
-from ..configuration.config import Config
+from ..configuration.config import Config, load_config
 from ..configuration.tradeoffs import even_tradeoffs, one_tradeoff, parse_tradeoff, sample_cells
 from ..envs.errors import LONGEST, MorlaxError, line
 from ..envs.worlds.options import check_objectives
+from ..networks.unbounded import GaussianMLP
 from ..runs.checkpoint import RSL_RL
-from .pareto_options import ParetoOptions, take_options
+from .pareto_options import take_options
 from .reward_terms import SIGNS, ObjectiveRewards, terms_of
-from .rsl_rl_checkpoint import FAMILY, compact, config_of, contents, expanded
-from .rsl_rl_family import FamilyModel, FamilyStorage, WorldFront
+from .rsl_rl_checkpoint import FAMILY, compact, contents, expanded
+from .rsl_rl_family import EPISODES, FamilyModel, FamilyStorage, WorldFront
 
+ACTION_SCALE = 10.0  # largest action of a policy in our own worlds, if the host does not clip
 TRADEOFF = "MORLAX_TRADEOFF"  # environment variable: what an unmodified `play` shows
 
 
@@ -75,9 +77,9 @@ class ParetoPPO(PPO):
                 numbers = f"{m} numbers ({', '.join(names)})"
                 raise MorlaxError(f"{name} needs {numbers}, not {len(point)}.")
         focus = one_tradeoff(options.focus or [1.0] * m, names, torch.device("cpu"))
-        front, rewards = None, bind
+        front = None
         if worlds < K + options.evaluation_worlds:  # to play
-            K, rewards = 1, partial(_refuse_to_learn, worlds, options)
+            K = 1
         elif options.evaluation_worlds:
             front = WorldFront(options.evaluation_worlds, m, options.reference_point, device)
         learning = worlds - (front.worlds if front else 0)
@@ -108,11 +110,11 @@ class ParetoPPO(PPO):
             actor, critic, storage, device=device, multi_gpu_cfg=multi_gpu, **algorithm
         )
         self.front, self.objectives = front, names
-        self._bind = rewards  # when training starts
-        self._make_config = partial(config_of, env, options, cfg, actor, storage)
+        self._env, self._options, self._cfg = env, options, cfg
+        self._bind = bind  # when training starts
         self._rewards: ObjectiveRewards | None = None
         self._config: Config | None = None  # of the policies as a run of morlax, if they can be one
-        self._warmup, self._rollouts = options.warmup, 0
+        self._rollouts = 0
         self._centers = actor.tradeoffs
         self._paid = torch.zeros_like(actor.tradeoffs[0])
         self._logged: dict[str, float] = {}
@@ -131,13 +133,13 @@ class ParetoPPO(PPO):
     def _begin_rollout(self) -> None:
         K = self.storage.tradeoffs
         if self._rewards is None:
-            _check_sizes(self.storage, self.num_mini_batches)
+            self._check_sizes()
             self._rewards = self._bind()
-            self._config = self._make_config(self._rewards)
+            self._config = self._run_config(self._rewards)
             m = self.actor.tradeoffs.shape[1]
             self._centers = even_tradeoffs(max(K, m), m).to(self.device)
         tradeoffs = torch.empty_like(self._centers)
-        if warm := self._rollouts >= self._warmup:
+        if warm := self._rollouts >= self._options.warmup:
             sample_cells(tradeoffs, self._centers)
             if len(tradeoffs) > K:  # fewer than objectives, which have their turns
                 tradeoffs = tradeoffs[torch.randperm(len(tradeoffs))]
@@ -151,6 +153,60 @@ class ParetoPPO(PPO):
         self._paid.zero_()
         if self.front:
             self._graded = self.actor.family(self.front.tradeoffs)
+
+    def _check_sizes(self) -> None:
+        """Raise MorlaxError unless K divides worlds and minibatches; name the next K that does."""
+        options, worlds = self._options, self.storage.num_envs
+        if self._env.num_envs < options.tradeoffs + options.evaluation_worlds:
+            raise MorlaxError(
+                f"{self._env.num_envs} worlds are fewer than tradeoffs ({options.tradeoffs}) and "
+                f"evaluation_worlds ({options.evaluation_worlds}) together: take more worlds, or "
+                "less of both."
+            )
+
+        def fits(k: int) -> bool:
+            rows = worlds // k * self.storage.num_transitions_per_env
+            return worlds % k == 0 and rows % self.num_mini_batches == 0
+
+        K = options.tradeoffs
+        if not fits(K):
+            lower = next((f"set tradeoffs to {k}, or " for k in range(K, 0, -1) if fits(k)), "")
+            raise MorlaxError(
+                f"tradeoffs ({K}) must divide the {worlds} worlds that learn, and each of the "
+                f"{self.num_mini_batches} minibatches: {lower}change the number of worlds, "
+                "evaluation_worlds or num_mini_batches."
+            )
+
+    def _run_config(self, rewards: ObjectiveRewards) -> Config | None:
+        """Return the config of the policies as a run of morlax; None if it cannot have one."""
+        options, K, worlds = self._options, self.storage.tradeoffs, self.storage.num_envs
+        target, groups = self.actor.family.target, self.actor.obs_groups
+        if options.task is None or not isinstance(target, GaussianMLP) or len(groups) > 1:
+            return None
+        *layers, _ = target.mlp.children()
+        hidden = [layer.out_features for layer in layers if isinstance(layer, nn.Linear)]
+        task = {
+            "objectives": rewards.objectives,
+            "guide": rewards.guide,
+            "reference_point": options.reference_point,
+            "action_scale": self._cfg.get("clip_actions") or ACTION_SCALE,
+            "episode_length": int(self._env.max_episode_length),
+        }
+        return load_config(
+            {
+                "env": options.task,
+                "algorithm": "rsl-rl",
+                "seed": max(self._cfg.get("seed") or 0, 0),  # -1: at random
+                "worlds": worlds,
+                "horizon": self.storage.num_transitions_per_env,
+                "sampling": {"clusters": K if K > 1 else worlds, "corners": 0, "cells": True},
+                "network": {"actor": hidden, "features": options.features},
+                "ppo": {"minibatches": 1},
+                "evaluation": {"tradeoffs": 64, "seeds": EPISODES},
+                "method": {"activation": type(layers[1]).__name__},
+                "task": task,
+            }
+        )
 
     def process_env_step(
         self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: dict[str, Any]
@@ -229,7 +285,7 @@ class ParetoPPO(PPO):
                     f"an rsl_rl before 5.0: train with the options that it has "
                     f"({line(error)[:LONGEST]})."
                 ) from None
-            self._rollouts = self._warmup
+            self._rollouts = self._options.warmup
             return False
         states = {
             "actor_state_dict": family["actor"],
@@ -269,27 +325,3 @@ def _check_supported(cfg: dict[str, Any]) -> None:
         raise MorlaxError("ParetoPPO does not compile its models: remove torch_compile_mode.")
     algorithm.pop("share_cnn_encoders", None)
     algorithm["rnd_cfg"] = None  # the runner reads it
-
-
-def _refuse_to_learn(worlds: int, options: ParetoOptions) -> NoReturn:
-    raise MorlaxError(
-        f"{worlds} worlds are fewer than tradeoffs ({options.tradeoffs}) and evaluation_worlds "
-        f"({options.evaluation_worlds}) together: take more worlds, or less of both."
-    )
-
-
-def _check_sizes(storage: FamilyStorage, minibatches: int) -> None:
-    """Raise MorlaxError unless K divides worlds and minibatches; name the next one that does."""
-
-    def fits(k: int) -> bool:
-        rows = storage.num_envs // k * storage.num_transitions_per_env
-        return storage.num_envs % k == 0 and rows % minibatches == 0
-
-    K = storage.tradeoffs
-    if not fits(K):
-        lower = next((f"set tradeoffs to {k}, or " for k in range(K, 0, -1) if fits(k)), "")
-        raise MorlaxError(
-            f"tradeoffs ({K}) must divide the {storage.num_envs} worlds that learn, and each "
-            f"of the {minibatches} minibatches: {lower}change the number of worlds, "
-            "evaluation_worlds or num_mini_batches."
-        )

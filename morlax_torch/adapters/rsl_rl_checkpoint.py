@@ -7,24 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
 from torch.nn.functional import pad
 
-from ..configuration.config import Config, load_config
+from ..configuration.config import Config
 from ..configuration.tradeoffs import one_tradeoff
 from ..envs import MorlaxError
 from ..host.files import AnyPath, read, write_file
 from ..networks.hypernetwork import HIDDEN
 from ..networks.mlp import mlp
-from ..networks.unbounded import GaussianMLP
 from ..runs.checkpoint import FORMAT, RSL_RL, Task
-from .pareto_options import ParetoOptions
-from .reward_terms import ObjectiveRewards
-from .rsl_rl_family import EPISODES, FamilyModel, FamilyStorage, plain_state
+from .rsl_rl_family import FamilyModel, FamilyStorage, plain_state
 
 FAMILY = "family"  # key of the family in a checkpoint
 NORMALIZER = "obs_normalizer."  # before names of what is not trained
-ACTION_SCALE = 10.0  # largest action of a policy in our own worlds, if the host does not clip
 
 
 def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) -> None:
@@ -71,45 +66,6 @@ def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) 
     buffer = io.BytesIO()
     torch.save(loaded, buffer)
     write_file(Path(output), buffer.getbuffer())
-
-
-def config_of(
-    env: Any,
-    options: ParetoOptions,
-    cfg: dict[str, Any],
-    actor: FamilyModel,
-    storage: FamilyStorage,
-    rewards: ObjectiveRewards,
-) -> Config | None:
-    """Return the config of the policies as a run of morlax; None if it cannot have one."""
-    target = actor.family.target
-    if options.task is None or not isinstance(target, GaussianMLP) or len(actor.obs_groups) > 1:
-        return None
-    K, worlds = storage.tradeoffs, storage.num_envs
-    *layers, _ = target.mlp.children()
-    hidden = [layer.out_features for layer in layers if isinstance(layer, nn.Linear)]
-    task = {
-        "objectives": rewards.objectives,
-        "guide": rewards.guide,
-        "reference_point": options.reference_point,
-        "action_scale": cfg.get("clip_actions") or ACTION_SCALE,
-        "episode_length": int(env.max_episode_length),
-    }
-    return load_config(
-        {
-            "env": options.task,
-            "algorithm": "rsl-rl",
-            "seed": max(cfg.get("seed") or 0, 0),  # -1: at random
-            "worlds": worlds,
-            "horizon": storage.num_transitions_per_env,
-            "sampling": {"clusters": K if K > 1 else worlds, "corners": 0, "cells": True},
-            "network": {"actor": hidden, "features": options.features},
-            "ppo": {"minibatches": 1},
-            "evaluation": {"tradeoffs": 64, "seeds": EPISODES},
-            "method": {"activation": type(layers[1]).__name__},
-            "task": task,
-        }
-    )
 
 
 def contents(actor: FamilyModel, config: Config, storage: FamilyStorage) -> dict[str, Any]:

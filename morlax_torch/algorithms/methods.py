@@ -98,8 +98,8 @@ class HyperMORL(Trainer):
         warmup = self.config.method.warmup
         if self.warming_up and done >= warmup:
             self.warming_up = False
-            self._warming_up.fill_(False)
             self._start_hypernetwork()
+        self._warming_up.fill_(self.warming_up)
         start, end = (0.0, warmup) if self.warming_up else (warmup, 1.0)
         stage_done = (done - start) / (end - start) if end > start else 1.0
         super().iterate(stage_done)
@@ -110,7 +110,6 @@ class HyperMORL(Trainer):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         super().load_state_dict(state)
         self.warming_up = state["warming_up"]
-        self._warming_up.fill_(self.warming_up)
 
     def _draw(self) -> None:
         sample_cells(self.tradeoffs, self._centers, self.generator)

@@ -97,10 +97,9 @@ class PPO:
         a rollout.
         """
         policies, values = [], []
-        sizes = [batch.action.numel() for _, batch in parts]
+        action = parts[0][1].action
         # in one kernel, to estimate entropies
-        drawn = self.entropy.new_empty(sum(sizes)).normal_(generator=generator).split(sizes)
-        noises = [x.view(batch.action.shape) for x, (_, batch) in zip(drawn, parts, strict=True)]
+        noises = action.new_empty(len(parts), *action.shape).normal_(generator=generator)
         if not self.joint:
             with self._branch:
                 for conditions, batch in parts:
