@@ -35,8 +35,7 @@ class TorchRLEnv(EnvBase):
     Args:
         task: one of `envs.names()`.
         num_envs: N.
-        device: as for `envs.make`.
-        backend: as for `envs.make`.
+        device, backend: as for `envs.make`.
         model_seed: random seed of what resets leave: randomized models, and the states among which
             noisy starts are drawn.
         task_options: as for `envs.make`, for example `episode_length=200`.

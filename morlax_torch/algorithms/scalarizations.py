@@ -1,6 +1,6 @@
 """Scalarizations: how a trade-off turns the returns of several objectives into one utility."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import torch
@@ -182,17 +182,17 @@ class OwnUtility(Scalarization):
     """A differentiable function u(w, r) of trade-offs (K, m) and returns (K, m), to (K,).
 
     A recorded graph holds it: it consists of torch operations of fixed shape. MorlaxError, also
-    from `weights`, says what is wrong with it.
+    from `weights`, says what is wrong with it. Its `name` is FILE.py:FUNCTION.
     """
 
-    def __init__(
-        self,
-        function: Callable[[Tensor, Tensor], Tensor],
-        name: str,
-        num_objectives: int,
-        device: torch.device,
-    ):
-        self._function, self._name = function, name
+    def __init__(self, name: str, num_objectives: int, device: torch.device):
+        trust(name)
+        self._name, (file, _, member) = name, name.rpartition(":")
+        module = import_file(file, f"the utility {member}")
+        functions: dict[str, Any] = {key: f for key, f in vars(module).items() if callable(f)}
+        if member not in functions:
+            raise unknown(f"function of {file}", member, functions)
+        self._function = functions[member]
         corners = torch.eye(num_objectives, dtype=torch.float32, device=device)
         if not self.weights(corners, corners + 1.0).isfinite().all():
             raise MorlaxError(f"the derivative of the utility {name} is not finite.")
@@ -239,10 +239,4 @@ def make_scalarization(name: str, objectives: Sequence[str], device: torch.devic
     if name.startswith(CONSTRAINED):
         constrained = objectives.index(name.removeprefix(CONSTRAINED))
         return Constrained(constrained, num_objectives, device)
-    trust(name)
-    file, _, member = name.rpartition(":")
-    module = import_file(file, f"the utility {member}")
-    functions: dict[str, Any] = {key: f for key, f in vars(module).items() if callable(f)}
-    if member not in functions:
-        raise unknown(f"function of {file}", member, functions)
-    return OwnUtility(functions[member], name, num_objectives, device)
+    return OwnUtility(name, num_objectives, device)

@@ -18,7 +18,6 @@ from morlax_torch.algorithms.scalarizations import (
     RATE,
     SMOOTHNESS,
     Constrained,
-    OwnUtility,
     SmoothChebyshev,
     make_scalarization,
 )
@@ -41,6 +40,9 @@ def bare(tradeoffs, returns):
 
 def broken(tradeoffs, returns):
     return returns @ torch.ones(7)
+
+def full(tradeoffs, returns):
+    raise torch.OutOfMemoryError("CUDA out of memory")
 
 def steep(tradeoffs, returns):
     return (returns - returns.detach()).sqrt().sum(-1)
@@ -261,9 +263,6 @@ def test_a_derivative_that_training_finds_not_to_be_finite_is_named(tasks, tmp_p
         train(config, output=tmp_path / "run")
 
 
-def test_a_lack_of_memory_is_no_mistake_of_the_utility():
-    def full(tradeoffs, returns):
-        raise torch.OutOfMemoryError("CUDA out of memory")
-
+def test_a_lack_of_memory_is_no_mistake_of_the_utility(own):
     with pytest.raises(torch.OutOfMemoryError):
-        OwnUtility(full, "own.py:full", 2, CPU)
+        make_scalarization(f"{own}:full", "ab", CPU)

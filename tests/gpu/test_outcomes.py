@@ -1,13 +1,13 @@
 """Options of the tests themselves, and the record of their runs on a GPU."""
 
-import sys
-from collections.abc import Callable
 from datetime import date
+from functools import partial
 from pathlib import Path
 
 import pytest
 from same import csv_rows
 
+pytest_plugins = "pytester"
 RECORD = Path(__file__).parents[1] / "gpu_runs.csv"
 TESTS = """
 import pytest
@@ -19,37 +19,23 @@ def test_passes():
 def test_skipped():
     pass
 
-def test_chosen(pytestconfig):
-    if pytestconfig.option.keyword == "":
-        pytest.skip("no star")
+def test_chosen():
+    pytest.skip("no star")
 """
 
 
-@pytest.fixture
-def run(tmp_path, capfd) -> Callable[..., tuple[int, str]]:
-    """Return a function that runs tests with options, and returns the status and the output."""
-    (tmp_path / "pytest.ini").touch()
-
-    def run(*options: str) -> tuple[int, str]:
-        (tmp_path / "test_own.py").write_text(TESTS)
-        sys.modules.pop("test_own", None)
-        fixed = ["-p", "no:xdist", "-p", "no:cacheprovider", "-p", "outcomes"]
-        fixed += ["--rootdir", str(tmp_path), "--import-mode", "importlib"]
-        status = pytest.main([*fixed, *options, str(tmp_path)])
-        return int(status), capfd.readouterr().out
-
-    return run
-
-
-def test_another_number_of_skipped_tests_is_a_failure(run):
-    status, output = run("--skips", "2", "-rs")
-    assert status == 0 and "instead of" not in output
-    assert "no telescope" in output and "no star" in output
+def test_another_number_of_skipped_tests_is_a_failure(pytester):
+    pytester.makepyfile(TESTS)
+    run = partial(pytester.runpytest_inprocess, "-p", "no:xdist", "-p", "outcomes", "-rs")
+    run().stdout.fnmatch_lines(["*no telescope*", "*no star*"])
     for number in "1", "3":
-        status, output = run("--skips", number)
-        assert status == 1
-        assert f"ERROR: 2 tests were skipped instead of {number}" in output
-    assert run()[0] == 0  # without the option any number is right
+        result = run("--skips", number)
+        assert result.ret == pytest.ExitCode.TESTS_FAILED
+        result.stdout.fnmatch_lines(f"ERROR: 2 tests were skipped instead of {number}")
+    for options in ((), ("--skips", "2")):  # without the option any number is right
+        result = run(*options)
+        assert result.ret == 0
+        result.stdout.no_fnmatch_line("ERROR: *")
 
 
 def test_the_last_run_on_a_gpu_had_no_failure():
