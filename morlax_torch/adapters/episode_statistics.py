@@ -21,10 +21,8 @@ class EpisodeStatistics(VectorWrapper):
     entries are zero. Returns are not weighted, even if the environment has a `tradeoff`. For
     numpy, put `ArrayConversion` around this wrapper.
 
-    The keys are those of `MORecordEpisodeStatistics` (MO-Gymnasium 1.3.2), which assumes that a
-    world spends one step on its reset. These worlds reset within the step, so with that wrapper
-    every episode except a world's first would lose its first step, and discounted returns would
-    continue from one episode into the next.
+    The keys are those of `MORecordEpisodeStatistics` (MO-Gymnasium 1.3.2), which would lose first
+    steps here: it assumes that a world spends a step on its reset.
 
     Args:
         env: the unwrapped environment from `gymnasium.make_vec`.

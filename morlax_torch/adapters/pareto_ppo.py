@@ -115,7 +115,7 @@ class ParetoPPO(PPO):
         self._rewards: ObjectiveRewards | None = None
         self._config: Config | None = None  # of the policies as a run of morlax, if they can be one
         self._rollouts = 0
-        self._centers = actor.tradeoffs
+        self._centers = even_tradeoffs(max(K, m), m).to(device)
         self._paid = torch.zeros_like(actor.tradeoffs[0])
         self._logged: dict[str, float] = {}
 
@@ -136,8 +136,6 @@ class ParetoPPO(PPO):
             self._check_sizes()
             self._rewards = self._bind()
             self._config = self._run_config(self._rewards)
-            m = self.actor.tradeoffs.shape[1]
-            self._centers = even_tradeoffs(max(K, m), m).to(self.device)
         tradeoffs = torch.empty_like(self._centers)
         if warm := self._rollouts >= self._options.warmup:
             sample_cells(tradeoffs, self._centers)

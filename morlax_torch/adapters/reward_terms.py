@@ -27,11 +27,11 @@ class ManagerTerms:
 
     def __init__(self, env: Any):
         self._env, self._manager = env, env.reward_manager
-        configs = {name: self._manager.get_term_cfg(name) for name in self._manager.active_terms}
-        self._configs = configs
+        names = self._manager.active_terms
+        self._configs = {name: self._manager.get_term_cfg(name) for name in names}
         self.weights = {
             name: 0.0 if term.weight == WATCHED else float(term.weight)  # by an earlier runner
-            for name, term in configs.items()
+            for name, term in self._configs.items()
         }
         scaled = getattr(env.cfg, "scale_rewards_by_dt", True)
         self._time_step = env.step_dt if scaled else 1.0

@@ -73,10 +73,8 @@ def make_batch(
     number = group.size * scalar.numel() // mean.numel()
     # moments of several processes can only be merged if biased: the factor undoes that
     scalar = (scalar - mean) / ((variance * number / max(number - 1, 1)).sqrt() + 1e-8)
-    batch = Batch(
-        seen, rollout.action, rollout.log_prob.unsqueeze(-1), scalar.unsqueeze(-1), target
-    )
-    return Batch(*(column.permute(1, 2, 0, 3) for column in batch)), explained
+    columns = seen, rollout.action, rollout.log_prob[..., None], scalar[..., None], target
+    return Batch(*(column.permute(1, 2, 0, 3) for column in columns)), explained
 
 
 class Table:
@@ -100,10 +98,8 @@ class Table:
         """
         draws = self._rows.new_empty(self._rows.shape[:2]).uniform_(generator=generator)
         order = draws.argsort(1)
-        dealt = []
-        for part, chosen in zip(
-            self._rows[self._firsts, order].chunk(number, 1), order.chunk(number, 1), strict=True
-        ):
+        dealt, parts = [], self._rows[self._firsts, order].chunk(number, 1)
+        for part, chosen in zip(parts, order.chunk(number, 1), strict=True):
             part = part.transpose(0, 1) if self._dense else part
             chosen_conditions = conditions[chosen[0]] if self._dense else conditions
             dealt.append((chosen_conditions, Batch(*part.flatten(1, 2).split(self._widths, -1))))

@@ -112,13 +112,9 @@ class Trainer(Learner):
                 fresh = self.designs.draw(self.config.horizon, self.generator)
                 self._episodes.running.masked_fill_(fresh[:, None], 0.0)
                 self.observation.copy_(self.env.critic_observation())
-            collect(
-                self.env,
-                self.agent.actors(self.conditions).explore,
-                self.observation,
-                self.rollout.first(steps or self.config.horizon),
-                self.generator,
-            )
+            explore = self.agent.actors(self.conditions).explore
+            rollout = self.rollout.first(steps or self.config.horizon)
+            collect(self.env, explore, self.observation, rollout, self.generator)
 
     def _weights(self) -> Tensor:
         """Return the weight (K, m) of each objective's advantage."""

@@ -115,11 +115,7 @@ two_gpus = pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two G
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("killed", "device"),
-    [
-        (0, "cpu"),
-        (1, "cpu"),
-        pytest.param(1, "cuda", marks=[pytest.mark.gpu, two_gpus]),
-    ],
+    [(0, "cpu"), (1, "cpu"), pytest.param(1, "cuda", marks=[pytest.mark.gpu, two_gpus])],
 )
 def test_launchers_on_several_hosts_go_on_after_a_process_was_killed(tmp_path, killed, device):
     run, address = tmp_path / "run", f"127.0.0.1:{free_port()}"
