@@ -17,19 +17,11 @@ MOST = 1 - 1e-6  # of a squashed action, so that its atanh is finite
 
 
 class GaussianMLP(nn.Module):
-    """A network of means and a standard deviation for each, the same for every input.
-
-    Maps (..., inputs) to (..., 2, A): means, and `std` (A,) as it is stored, which may be its
-    logarithm.
-    """
+    """A network `mlp` of means, and `std` (A,) of every input, which may be its logarithm."""
 
     def __init__(self, mlp: nn.Module, std: Tensor):
         super().__init__()
         self.mlp, self.std = mlp, nn.Parameter(std.detach().clone())
-
-    def forward(self, x: Tensor) -> Tensor:
-        mean = self.mlp(x)
-        return torch.stack([mean, self.std.expand_as(mean)], -2)
 
 
 class Squashed(GaussianMLP):
