@@ -36,8 +36,7 @@ class TorchRLEnv(EnvBase):
         task: one of `envs.names()`.
         num_envs: N.
         device, backend: as for `envs.make`.
-        model_seed: random seed of what resets leave: randomized models, and the states among which
-            noisy starts are drawn.
+        model_seed: as for `GymnasiumEnv`.
         task_options: as for `envs.make`, for example `episode_length=200`.
 
     Raises:

@@ -1,12 +1,10 @@
 """The learners by name."""
 
 from collections.abc import Callable
-
-from torch import nn
+from typing import Any
 
 from ..configuration.config import Config
 from ..envs import MorlaxError, Worlds
-from ..gpu.group import ALONE, Group
 from .hyper_sac import HyperSAC
 from .learner import Learner
 from .methods import AMOR, MORLAX, HyperMORL, IndependentPPO
@@ -20,15 +18,8 @@ LEARNERS: dict[str, Callable[..., Learner]] = {
 }
 
 
-def make_learner(
-    env: Worlds,
-    config: Config,
-    actor: nn.Module | None = None,
-    critic: nn.Module | None = None,
-    *,
-    group: Group = ALONE,
-) -> Learner:
+def make_learner(env: Worlds, config: Config, **others: Any) -> Learner:
     """Make the learner of the config's algorithm; `MORLAX` explains the arguments and errors."""
     if config.algorithm == "rsl-rl":
         raise MorlaxError("algorithm rsl-rl trains in rsl_rl's own runner (docs/rsl-rl.md).")
-    return LEARNERS[config.algorithm](env, config, actor=actor, critic=critic, group=group)
+    return LEARNERS[config.algorithm](env, config, **others)

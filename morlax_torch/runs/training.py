@@ -77,7 +77,7 @@ class Session:
                 "a disk that all hosts share."
             )
         worlds = config.make_worlds(config.worlds, seed_of(config.seed, group.rank))
-        learner = make_learner(worlds, config, actor, critic, group=group)
+        learner = make_learner(worlds, config, actor=actor, critic=critic, group=group)
         evaluator = make_evaluator(learner)
         if run is not None:
             return cls(learner, evaluator, run, run.restore(learner))
