@@ -53,10 +53,7 @@ def make_batch(
     seen = agent.observation_normalizer(rollout.observation)
     value = value_of(seen)
     final_value = value_of(agent.observation_normalizer(rollout.final_observation))
-    bootstrap = config.truncation == "bootstrap"
-    advantage = advantages(
-        rollout, value, final_value, config.discount, config.gae_lambda, bootstrap
-    )
+    advantage = advantages(rollout, value, final_value, config)
     target = advantage + value
     spread = target.var((0, 1, 2))
     explained = torch.where(spread > 0, 1 - advantage.var((0, 1, 2)) / spread, 0.0)

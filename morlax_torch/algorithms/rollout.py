@@ -6,6 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..configuration.sections import PPOConfig
 from ..envs import Worlds
 
 Explore = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
@@ -77,28 +78,21 @@ def collect(
             target.copy_(source.view_as(target))
 
 
-def advantages(
-    rollout: Rollout,
-    value: Tensor,
-    final_value: Tensor,
-    discount: float,
-    gae_lambda: float,
-    bootstrap: bool = True,
-) -> Tensor:
+def advantages(rollout: Rollout, value: Tensor, final_value: Tensor, ppo: PPOConfig) -> Tensor:
     """Estimate generalized advantages, one objective at a time: (T, K, G, m).
 
     A_t = delta_t + discount * gae_lambda * (1 - done_t) * A_{t+1}, where
     delta_t = r_t + discount * (1 - terminated_t) * V(s'_t) - V(s_t)
     and s' is the next state before any reset. (Schulman et al., 2016, eq. 16.) After a failure
     there is no value. After a time limit there is: the critic's value of the last state before the
-    reset. Without `bootstrap`, a truncated step instead contributes nothing, as in the paper's
+    reset. With `truncation: mask`, a truncated step contributes nothing, as in the paper's
     released code. `value` is V(s_t) and `final_value` V(s'_t), (T, K, G, m) each.
     """
     terminated, truncated = rollout.terminated.unsqueeze(-1), rollout.truncated.unsqueeze(-1)
-    surprise = rollout.reward + discount * torch.where(terminated, 0.0, final_value) - value
-    if not bootstrap:
+    surprise = rollout.reward + ppo.discount * torch.where(terminated, 0.0, final_value) - value
+    if ppo.truncation == "mask":
         surprise = torch.where(truncated, 0.0, surprise)
-    carry = torch.where(terminated | truncated, 0.0, discount * gae_lambda).to(surprise)
+    carry = torch.where(terminated | truncated, 0.0, ppo.discount * ppo.gae_lambda).to(surprise)
     advantage = torch.empty_like(surprise)
     running = torch.zeros_like(surprise[0])
     for t in reversed(range(len(surprise))):

@@ -117,7 +117,7 @@ def test_make_batch_uses_each_cluster_s_own_critic(learner, make_rollout, trunca
         return before.value_normalizer.inverse(value)
 
     value, final_value = value_of(rollout.observation), value_of(rollout.final_observation)
-    vector = advantages(rollout, value, final_value, 0.9, 0.8, truncation == "bootstrap")
+    vector = advantages(rollout, value, final_value, config)
     target = vector + value
     scalar = torch.einsum("tkgm,km->tkg", vector, TRADEOFFS)
     scalar = (scalar - scalar.mean()) / scalar.std()

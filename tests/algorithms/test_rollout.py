@@ -6,6 +6,7 @@ import torch
 
 from morlax_torch import envs
 from morlax_torch.algorithms.rollout import Rollout, advantages, collect
+from morlax_torch.configuration.sections import PPOConfig
 
 GAMMA, LAMBDA = 0.9, 0.8
 
@@ -31,16 +32,17 @@ def looped(
     return result
 
 
-@pytest.mark.parametrize("bootstrap", (True, False))
+@pytest.mark.parametrize("truncation", ("bootstrap", "mask"))
 @pytest.mark.parametrize("objectives", (2, 3))
-def test_advantages_match_their_definition(make_rollout, bootstrap, objectives):
+def test_advantages_match_their_definition(make_rollout, truncation, objectives):
+    config = PPOConfig(discount=GAMMA, gae_lambda=LAMBDA, truncation=truncation)
     rollout = make_rollout(num_objectives=objectives)
     value, final_value = torch.randn(2, *rollout.reward.shape)
-    found = advantages(rollout, value, final_value, GAMMA, LAMBDA, bootstrap)
-    expected = looped(rollout, value, final_value, bootstrap)
+    found = advantages(rollout, value, final_value, config)
+    expected = looped(rollout, value, final_value, truncation == "bootstrap")
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
     final_value[rollout.terminated] = torch.nan  # is ignored
-    assert torch.equal(advantages(rollout, value, final_value, GAMMA, LAMBDA, bootstrap), found)
+    assert torch.equal(advantages(rollout, value, final_value, config), found)
 
 
 CLUSTERS, WORLDS, HORIZON = 4, 8, 24
