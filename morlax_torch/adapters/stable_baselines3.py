@@ -30,8 +30,8 @@ class StableBaselines3VecEnv(VecEnv):
     cannot be wrapped.
 
     Args:
-        task, tradeoff, num_envs, device, backend, options: as for `GymnasiumVectorEnv`.
-        render_mode: "rgb_array" for `VecVideoRecorder`, or None.
+        task, tradeoff, num_envs, device, backend, options: as for `GymnasiumVectorEnv`;
+            `VecVideoRecorder` needs render_mode="rgb_array".
     """
 
     def __init__(
@@ -41,12 +41,9 @@ class StableBaselines3VecEnv(VecEnv):
         num_envs: int = 64,
         device: str | torch.device | None = None,
         backend: str | None = None,
-        render_mode: str | None = None,
         **options: Any,
     ):
-        self.vector = GymnasiumVectorEnv(
-            task, num_envs, device, backend, tradeoff, render_mode, **options
-        )
+        self.vector = GymnasiumVectorEnv(task, num_envs, device, backend, tradeoff, **options)
         self._statistics = EpisodeStatistics(self.vector)
         self._tradeoff = np.asarray(tradeoff, dtype=np.float32)
         self._actions: NDArray | None = None

@@ -34,10 +34,7 @@ class Family(nn.Module, ABC):
     def forward(self, conditions: Tensor) -> dict[str, Tensor]:
         """Map conditions (K, m + d) to parameters by name, (K, ...) each.
 
-        Their trade-offs are scaled to sum to one.
-
-        Raises:
-            MorlaxError: a trade-off is not finite or sums to zero (see `on_simplex`).
+        `on_simplex` scales their trade-offs to sum to one, or raises MorlaxError.
         """
 
     @abstractmethod
