@@ -100,9 +100,9 @@ class FamilyModel(MLPModel):
         `parameters` are those of the trade-offs, if they were generated before. Batched products
         take fewer calls than `family.run`: on a GPU, rsl_rl waits for the CPU.
         """
-        parameters = parameters or self.family(tradeoffs)
+        generated: dict[str, Tensor] = parameters or self.family(tradeoffs)
         rows = self.get_latent(obs).unflatten(0, (-1, len(tradeoffs))).transpose(0, 1)
-        values = {plain_name(name, self.std_name): value for name, value in parameters.items()}
+        values = {plain_name(name, self.std_name): value for name, value in generated.items()}
         layers: Any = getattr(self.family.target, "mlp", self.family.target)
         for index, layer in enumerate(layers):
             if isinstance(layer, nn.Linear):
@@ -110,8 +110,8 @@ class FamilyModel(MLPModel):
                 rows = torch.baddbmm(bias[:, None], rows, weight.mT)
             else:
                 rows = layer(rows)
-        if "std" in parameters:
-            rows = torch.stack([rows, parameters["std"][:, None].expand_as(rows)], -2)
+        if "std" in generated:
+            rows = torch.stack([rows, generated["std"][:, None].expand_as(rows)], -2)
         return rows.transpose(0, 1).flatten(0, 1)
 
     def begin_rollout(self, tradeoffs: Tensor) -> None:

@@ -98,7 +98,8 @@ class ClippedAdam:
         max_norm, norms = self.max_norm, self.norms
         if self.networks > 1:
             gradients, max_norm, norms = self._clipped(gradients), math.inf, None
-        self._step(self.vector, gradients, *self.state(), max_norm, norms)
+        state = self.mean, self.square, self.steps, self.rate
+        self._step(self.vector, gradients, *state, max_norm, norms)
 
     def _clipped(self, gradients: Sequence[Tensor]) -> list[Tensor]:
         """Clip the gradients of R networks, one by one; a mean over them has divided the loss."""
