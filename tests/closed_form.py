@@ -35,6 +35,10 @@ class OneStep(envs.Worlds):
         self.episode_length = type(self).episode_length
         self.define_objectives()
 
+    @classmethod
+    def build(cls, options, num_worlds, device, backend, seed, *, auto_reset, deterministic):
+        return cls(options, num_worlds, device, seed, auto_reset)
+
     def restart(self, which: Tensor) -> Tensor:
         return self.critic_observation()
 
