@@ -138,15 +138,23 @@ class HyperSAC(Learner):
     replay.
     """
 
-    def __init__(self, env: Worlds, config: Config, *, group: Group = ALONE, **networks: Any):
-        if networks.pop("critic", None) is not None:
+    def __init__(
+        self,
+        env: Worlds,
+        config: Config,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+        *,
+        group: Group = ALONE,
+    ):
+        if critic is not None:
             raise MorlaxError("algorithm hyper-sac makes its own critics: leave out `critic`.")
         if not env.shows_endings:
             raise MorlaxError(
                 "algorithm hyper-sac learns from the last observation of each episode, which these "
                 "worlds do not show: choose another algorithm."
             )
-        super().__init__(env, config, make_agent(env, config, **networks), group)
+        super().__init__(env, config, make_agent(env, config, actor=actor), group)
         assert isinstance(config.method, HyperSACOptions)
         self.options = config.method
         device, m = env.device, len(env.objectives)
