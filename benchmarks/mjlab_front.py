@@ -54,8 +54,7 @@ def main(
         fronts.append(walks.returns)
         axes.scatter(*walks.front.quantities[:, [ERROR, POWER]].T, s=14, label=run.stem)
     for file in peers:
-        task = config.env.rpartition(":")[2]
-        peer = mjlab_peer.load_peer(task, file, str(target))
+        peer = mjlab_peer.load_peer(config, file)
         walks = walk(peer, config.with_task(**peer.task), tradeoffs, episodes, seed)
         rows.append((f"mjlab: {file.stem}", "", [], walks.told(0)[1]))
         label = f"{file.stem}, one policy"

@@ -22,6 +22,7 @@ import yaml
 from torch import Tensor
 
 from morlax_torch.commands.terminal.cli import console
+from morlax_torch.configuration.config import Config
 from morlax_torch.envs import MorlaxError, Worlds, resolve_device
 from morlax_torch.envs.bridges.mjlab.history import UNMEASURED
 from morlax_torch.envs.bridges.mjlab.motion import prepared
@@ -36,6 +37,7 @@ class Peer(NamedTuple):
     """A policy of rsl_rl in the place of an `Agent` and its `Actors`, for every trade-off."""
 
     policy: Callable[[dict[str, Tensor]], Tensor]
+    num_objectives: int  # of the task in which it acts
     sensors: str = "all"  # that it was trained with
     parameters: dict[str, Tensor] = {}
 
@@ -115,8 +117,8 @@ def main(
         )
 
 
-def load_peer(task: str, file: Path, device: str, motion: Path | None = None) -> Peer:
-    """Load the policy of a file that `main` wrote.
+def load_peer(config: Config, file: Path) -> Peer:
+    """Load the policy of a file that `main` wrote, for the task and device of a run's config.
 
     Raises:
         MorlaxError: there is no such file.
@@ -125,9 +127,11 @@ def load_peer(task: str, file: Path, device: str, motion: Path | None = None) ->
         raise MorlaxError(f"{file} is missing: train it with benchmarks/mjlab_peer.py.")
     infos = torch.load(file, map_location="cpu", weights_only=False)["infos"]
     sensors = infos.get("sensors", "all")
+    task, device = config.env.rpartition(":")[2], str(resolve_device(config.device))
+    motion = Path(config.task.motion_file) if config.task.motion_file else None
     runner = make_runner(task, 16, device, motion=motion, sensors=sensors)
     runner.load(str(file), {"actor": True}, map_location=device)
-    return Peer(runner.get_inference_policy(device), sensors)
+    return Peer(runner.get_inference_policy(device), len(config.task.objectives), sensors)
 
 
 def make_runner(

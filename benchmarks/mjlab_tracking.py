@@ -58,11 +58,9 @@ def main(
         rows += [(f"{run.name}: {name} only", front, k) for k, name in enumerate(front.objectives)]
         console.print(f"{run.name}: {front.non_dominated.sum()} of {tradeoffs} non-dominated")
     for file in peers:
-        task = config.env.rpartition(":")[2]
-        motion = Path(config.task.motion_file)
-        peer = mjlab_peer.load_peer(task, file, str(target), motion)
-        number = len(config.task.objectives)
-        _, front = fronts(peer, config.with_task(**peer.task), number, episodes, seed)
+        peer = mjlab_peer.load_peer(config, file)
+        changed = config.with_task(**peer.task)
+        _, front = fronts(peer, changed, peer.num_objectives, episodes, seed)
         rows.append((f"mjlab: {file.stem}", front, 0))
     names = rows[0][1].quantity_names
     head = ["policy", "trade-off", *names, "falls"]
