@@ -24,6 +24,7 @@ from .rsl_rl_checkpoint import FAMILY, compact, contents, expanded
 from .rsl_rl_family import EPISODES, FamilyModel, FamilyStorage, WorldFront
 
 ACTION_SCALE = 10.0  # largest action of a policy in our own worlds, if the host does not clip
+LEAST_RATE = 1e-5  # of rsl_rl's adaptive schedule
 TRADEOFF = "MORLAX_TRADEOFF"  # environment variable: what an unmodified `play` shows
 
 
@@ -284,6 +285,8 @@ class ParetoPPO(PPO):
                     f"({line(error)[:LONGEST]})."
                 ) from None
             self._rollouts = self._options.warmup
+            if self.schedule == "adaptive":  # the first steps of a new optimizer are large
+                self.learning_rate = LEAST_RATE
             return False
         states = {
             "actor_state_dict": family["actor"],

@@ -246,6 +246,7 @@ def test_training_resumes_and_starts_from_a_plain_checkpoint(trained, tmp_path):
     plain = learn(make(kind="PPO", folder=str(tmp_path)), 2)
     family = make()
     family.load(str(tmp_path / "model_1.pt"))
+    assert family.alg.learning_rate == 1e-5  # else its first update would undo what was learned
     for policy in (plain, family):
         policy.alg.eval_mode()
     obs = Points().get_observations()
