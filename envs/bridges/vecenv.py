@@ -58,8 +58,8 @@ def from_vecenv(
         episode_length: Count = steps
         action_scale: PositiveFloat = factor
 
-    given = {"make_env": staticmethod(make_env), "read_terms": staticmethod(read_terms)}
-    return type("VecEnvWorlds", (VecEnvWorlds,), {"Options": Options, **given})
+    functions = {"make_env": staticmethod(make_env), "read_terms": staticmethod(read_terms)}
+    return type("VecEnvWorlds", (VecEnvWorlds,), {"Options": Options, **functions})
 
 
 class VecEnvWorlds(ForeignWorlds):

@@ -44,6 +44,12 @@ class ParetoPPO(PPO):
     changes what such a script shows: weights such as 0.2,0.8, or `all`, which spreads trade-offs
     over the worlds.
 
+    Args:
+        obs: the first observations, by group, (N, ...) each.
+        env: the runner's worlds, whose rewards are first read when training starts.
+        cfg: the runner's config; its section `algorithm` is emptied of our options.
+        device: of networks and rollouts.
+
     Raises:
         MorlaxError: an option is wrong, or a model or an extension of rsl_rl is not supported.
     """

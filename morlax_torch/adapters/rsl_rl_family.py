@@ -62,8 +62,9 @@ class FamilyModel(MLPModel):
             spread = getattr(gaussian, self.std_name)
             if spread.requires_grad:  # a standard deviation for every trade-off
                 target = GaussianMLP(self.mlp, spread)
-                known = hasattr(gaussian, "std_range")  # since rsl_rl 5.2
-                limits: dict[str, Any] = {"std_range": gaussian.std_range} if known else {}
+                limits: dict[str, Any] = {}
+                if hasattr(gaussian, "std_range"):  # since rsl_rl 5.2
+                    limits = {"std_range": gaussian.std_range}
                 self.distribution = HeteroscedasticGaussianDistribution(
                     output_dim, std_type=gaussian.std_type, **limits
                 )

@@ -63,7 +63,7 @@ def command(arguments: Sequence[str]) -> None:
         grid = designer.grid(options.bodies, options.tradeoffs)
         simulated = grid.joined(designer.refine(grid, options.rounds, options.population))
         best, volume = designer.best_body(grid, options.tradeoffs)
-        told = [f"body with the largest hypervolume: {designer.body(best)}"]
+        verdict = [f"body with the largest hypervolume: {designer.body(best)}"]
         if options.maximize is not None:
             names = policy.objectives, designer.quantities
             required = Requirements.of(*names, least, options.maximize, most)
@@ -71,7 +71,7 @@ def command(arguments: Sequence[str]) -> None:
             row = int(ranked[0])
             best = simulated.designs[row]
             weights, reached = shown(simulated.tradeoffs[row]), designer.reached(simulated, row)
-            told = [f"body: {designer.body(best)}", f"trade-off: {weights} ({reached})"]
+            verdict = [f"body: {designer.body(best)}", f"trade-off: {weights} ({reached})"]
     default = grid.rows(slice(options.tradeoffs))
     without = grid.missing // options.tradeoffs
     missing = f"; {without} bodies could not start" if without else ""
@@ -79,7 +79,7 @@ def command(arguments: Sequence[str]) -> None:
     table = Table("front", "hypervolume", "policies", "bodies", box=None)
     for row in designer.compared(default, grid, simulated, volume):
         table.add_row(*row)
-    for part in (table, *designer.extremes(simulated), *told):
+    for part in (table, *designer.extremes(simulated), *verdict):
         cli.console.print(part)
     designer.write(folder, simulated, default, best)
     cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)

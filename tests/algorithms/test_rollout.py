@@ -38,11 +38,11 @@ def test_advantages_match_their_definition(make_rollout, truncation, objectives)
     config = PPOConfig(discount=GAMMA, gae_lambda=LAMBDA, truncation=truncation)
     rollout = make_rollout(num_objectives=objectives)
     value, final_value = torch.randn(2, *rollout.reward.shape)
-    found = advantages(rollout, value, final_value, config)
+    advantage = advantages(rollout, value, final_value, config)
     expected = looped(rollout, value, final_value, truncation == "bootstrap")
-    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(advantage, expected, rtol=1e-5, atol=1e-5)
     final_value[rollout.terminated] = torch.nan  # is ignored
-    assert torch.equal(advantages(rollout, value, final_value, config), found)
+    assert torch.equal(advantages(rollout, value, final_value, config), advantage)
 
 
 CLUSTERS, WORLDS, HORIZON = 4, 8, 24

@@ -248,9 +248,9 @@ def test_evaluations_of_many_bodies_are_those_of_each_alone():
     learner = learner_of(config, 1)
     agent = learner.agent
     together = make_evaluator(agent, config, bodies=3).evaluate().parts(3)
-    own = make_evaluator(agent, config).evaluate()
-    np.testing.assert_allclose(together[0].returns, own.returns, rtol=1e-4)
-    assert np.array_equal(together[0].tradeoffs, own.tradeoffs)
+    alone = make_evaluator(agent, config).evaluate()
+    np.testing.assert_allclose(together[0].returns, alone.returns, rtol=1e-4)
+    assert np.array_equal(together[0].tradeoffs, alone.tradeoffs)
     policy = morlax_torch.Policy(agent, config, learner.env.objectives)
     space = DesignSpace(agent.designs)
     for front, design in zip(together[1:], held_out(learner.env, 3)[1:], strict=True):
@@ -319,9 +319,9 @@ def test_refining_looks_where_the_front_is(run):
     designer = Designer(morlax_torch.load(run))
     grid = designer.grid(6, 4)
     assert grid.designs[:4].tolist() == [designer.space.default.tolist()] * 4
-    found = designer.refine(grid, rounds=3, population=12)
-    assert len(found.designs) == 36
-    every = grid.joined(found)
+    refined = designer.refine(grid, rounds=3, population=12)
+    assert len(refined.designs) == 36
+    every = grid.joined(refined)
     assert designer.hypervolume(every) > designer.hypervolume(grid)
     for name, each in zip(designer.space.parameters, every.designs.T, strict=True):
         _, low, high, _ = designer.space.parameters[name]

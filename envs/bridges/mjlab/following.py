@@ -82,8 +82,8 @@ class Following(Measures):
     def look(self) -> None:
         """Keep the frame of the motion that the next step is measured against, as mjlab does."""
         names = "body_pos_w", "body_pos_relative_w", "joint_vel"
-        kept = {name: getattr(self._command, name).clone() for name in names}
-        self._frame = SimpleNamespace(cfg=self._command.cfg, **kept)
+        values = {name: getattr(self._command, name).clone() for name in names}
+        self._frame = SimpleNamespace(cfg=self._command.cfg, **values)
 
     def start(self, episodes: Tensor, length: int) -> None:
         """Start each of `episodes` (N,) at its frame, so early that it ends before the motion."""

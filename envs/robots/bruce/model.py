@@ -132,15 +132,15 @@ def _open_chains(spec: mujoco.MjSpec) -> None:
             spec.delete(spec.body(f"{side}_{part}"))
 
 
-def randomized(model: mujoco.MjModel, given: Fields, num_worlds: int, seed: int) -> Fields:
-    """Draw the model fields (N, ...) that differ between worlds, on top of `given` ones."""
-    random = np.random.default_rng([seed, 1])  # a stream independent of the one that drew `given`
+def randomized(model: mujoco.MjModel, fields: Fields, num_worlds: int, seed: int) -> Fields:
+    """Draw the model fields (N, ...) that differ between worlds, on top of `fields`."""
+    random = np.random.default_rng([seed, 1])  # a stream independent of the one that drew `fields`
 
     def around(center: float, width: float, *shape: int) -> Array:
         return random.uniform(center - width, center + width, (num_worlds, *shape))
 
     nominal = {name: [getattr(model, name)] * num_worlds for name in FIELDS}
-    drawn = {name: np.array(values) for name, values in {**nominal, **given}.items()}
+    drawn = {name: np.array(values) for name, values in {**nominal, **fields}.items()}
     torso = model.body("torso").id
     drawn["geom_friction"][:, model.geom("floor").id, 0] *= around(1, FRICTION)
     drawn["body_mass"][:, torso] *= around(1, TORSO_MASS)
