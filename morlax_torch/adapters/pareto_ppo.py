@@ -12,6 +12,7 @@ from rsl_rl.utils import resolve_callable, resolve_obs_groups
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+from .. import envs
 from ..configuration.config import Config, load_config
 from ..configuration.tradeoffs import even_tradeoffs, one_tradeoff, parse_tradeoff, sample_cells
 from ..envs.errors import LONGEST, MorlaxError, line
@@ -188,6 +189,11 @@ class ParetoPPO(PPO):
         target, groups = self.actor.family.target, self.actor.obs_groups
         if options.task is None or not isinstance(target, GaussianMLP) or len(groups) > 1:
             return None
+        if "action_scale" not in envs.get(options.task).Options.model_fields:
+            raise MorlaxError(
+                f"morlax cannot open policies of rsl_rl in {options.task}, which has no "
+                "action_scale: leave out the option task, or name mjlab:TASK or FILE.py:CLASS."
+            )
         *layers, _ = target.mlp.children()
         hidden = [layer.out_features for layer in layers if isinstance(layer, nn.Linear)]
         task = {

@@ -355,5 +355,10 @@ def evaluation_worlds(
         config.task.check_seeds(seeds)
     except ValueError as error:
         raise MorlaxError(f"{error}: leave out --seeds.") from None
-    number = len(range(group.rank, tradeoffs * seeds * sets, group.size))
+    if (episodes := tradeoffs * seeds * sets) < group.size:
+        raise MorlaxError(
+            f"an evaluation has {episodes} episodes, fewer than the {group.size} processes of this "
+            "run: raise evaluation.tradeoffs, or start fewer processes."
+        )
+    number = len(range(group.rank, episodes, group.size))
     return config.make_worlds(number, EVALUATION_SEEDS + int(seed), evaluating=True)

@@ -404,6 +404,7 @@ def test_a_function_reads_the_terms_of_any_other_host():
         ({"tradeofs": 8}, "tradeofs"),
         ({"focus": (1.0, 0.0, 0.0)}, "focus needs 2 numbers \\(tracking, saving\\), not 3"),
         ({"reference_point": (-9.0,)}, "reference_point needs 2 numbers .*, not 1"),
+        ({"task": "hopper"}, "in hopper, which has no action_scale: leave out the option task"),
     ],
 )
 def test_wrong_options_are_one_sentence(options, message):

@@ -155,6 +155,8 @@ def test_a_resumed_run_keeps_its_config(trained, monkeypatch, capsys, refused):
     assert "640 steps" in sentence(capsys)
     said = "a resumed run keeps its config (ppo.clip: 0.5 instead of 0.2)"
     assert said in refused(train, "--resume", "run", "--ppo.clip", "0.5")
+    said = "a resumed run keeps its config (algorithm: amor instead of morlax)"
+    assert said in refused(train, "--resume", "run", "--algorithm", "amor")
     for option in ("config", "output"):
         said = f"leave out --{option}"
         assert said in refused(train, "--resume", "run", f"--{option}", "other")

@@ -14,7 +14,12 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.tradeoffs import even_tradeoffs
 from morlax_torch.envs import TimeStep
 from morlax_torch.evaluation import evaluator as module
-from morlax_torch.evaluation.evaluator import Evaluator, make_evaluator, usual_tradeoffs
+from morlax_torch.evaluation.evaluator import (
+    Evaluator,
+    evaluation_worlds,
+    make_evaluator,
+    usual_tradeoffs,
+)
 from morlax_torch.evaluation.front import Front, mean_indicators
 from morlax_torch.gpu.group import ALONE, Group
 from morlax_torch.networks.agent import Agent
@@ -377,3 +382,10 @@ def test_a_contact_overflow_makes_an_evaluation_fail(make_agent):
     env.bits[1] = 4
     with pytest.raises(MorlaxError, match=r"overflowed their buffers in an evaluation: raise 4"):
         evaluator.evaluate()
+
+
+def test_an_evaluation_has_an_episode_for_each_process():
+    group = Group()
+    group.rank, group.size = 7, 8
+    with pytest.raises(MorlaxError, match="2 episodes, fewer than the 8 processes of this run"):
+        evaluation_worlds(tiny(), 2, 1, group=group)

@@ -310,9 +310,12 @@ def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
         envs.get(start.env)  # the user names this code
     moved = start.env if start.env and is_file(start.env) else None
     base = run.config(start.trust, moved)
-    values = values_over(start, options, base)
-    values |= start.model_dump(include={"device", "algorithm", "env"}, exclude_none=True)
-    config = placed(values, base)
     mistake, remedy = "a resumed run keeps its config", "leave that out, or start a new run"
+    if start.algorithm not in (None, base.algorithm):  # whose options may not fit this config
+        change = f"algorithm: {start.algorithm} instead of {base.algorithm}"
+        raise MorlaxError(f"{mistake} ({change}): {remedy}.")
+    values = values_over(start, options, base)
+    values |= start.model_dump(include={"device", "env"}, exclude_none=True)
+    config = placed(values, base)
     check_resumable(base, config, mistake, remedy)
     return config, run
