@@ -1,11 +1,13 @@
 """The exception for mistakes that a user can fix, and its messages."""
 
 import difflib
+import re
 import reprlib
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import metadata
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -38,6 +40,19 @@ def warn_user(sentence: str) -> None:
 def installation(extra: str) -> str:
     """Return the commands that install one of our extras, from PyPI and from a checkout."""
     return f"pip install 'morlax-torch[{extra}]', or in a checkout pip install '.[{extra}]'"
+
+
+def require(name: str, package: str, least: str, extra: str, note: str = "") -> None:
+    """Check that a library, PyPI's `package`, is installed by our `extra` and recent enough."""
+    try:
+        version = metadata.version(package)
+    except metadata.PackageNotFoundError:
+        version = "none"
+    if [*map(int, re.findall(r"\d+", version)[:2])] < [*map(int, least.split("."))]:
+        raise MorlaxError(
+            f"{name} {least} or later is needed, but {version} is installed: {installation(extra)}"
+            f"{note}."
+        )
 
 
 def shortened(value: object) -> str:

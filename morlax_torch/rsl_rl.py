@@ -1,6 +1,6 @@
 """A front in rsl_rl's own training: class_name morlax_torch.rsl_rl:ParetoPPO (docs/rsl-rl.md)."""
 
-from .envs.bridges.foreign import require
+from .envs.errors import require
 
 require("ParetoPPO", "rsl-rl-lib", "5.0", "rsl-rl")
 

@@ -1,32 +1,18 @@
 """Worlds that another library steps."""
 
-import re
 from abc import abstractmethod
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ..errors import MorlaxError, installation, user_code
+from ..errors import MorlaxError, user_code
 from ..worlds import checks
 from ..worlds.interface import TimeStep, Worlds
 
 ACTORS = ("actor", "policy")  # names of the group that a policy sees
 CRITIC = "critic"  # what only critics see
-
-
-def require(name: str, package: str, least: str, extra: str, note: str = "") -> None:
-    """Check that a library, PyPI's `package`, is installed by our `extra` and recent enough."""
-    try:
-        version = metadata.version(package)
-    except metadata.PackageNotFoundError:
-        version = "none"
-    if [*map(int, re.findall(r"\d+", version)[:2])] < [*map(int, least.split("."))]:
-        raise MorlaxError(
-            f"{name} {least} or later is needed, but {version} is installed: {installation(extra)}"
-            f"{note}."
-        )
 
 
 def imported(name: str) -> str:

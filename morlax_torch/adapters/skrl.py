@@ -7,7 +7,7 @@ import gymnasium
 import torch
 from torch import Tensor
 
-from ..envs.bridges.foreign import require
+from ..envs.errors import require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium import GymnasiumVectorEnv, box
 

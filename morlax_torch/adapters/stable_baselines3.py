@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..envs import MorlaxError
-from ..envs.bridges.foreign import require
+from ..envs.errors import require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium import GymnasiumVectorEnv
 

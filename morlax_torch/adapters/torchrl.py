@@ -8,7 +8,7 @@ from torch import Tensor
 
 from .. import envs
 from ..envs import MorlaxError
-from ..envs.bridges.foreign import require
+from ..envs.errors import require
 from ..gpu.graph import Graph
 from .gymnasium import Stepping
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ..envs.bridges.foreign import require
+from ..envs.errors import require
 
 require("Optuna", "optuna", "5.0", "optuna")
 

@@ -17,11 +17,11 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...devices import drawing_from, global_generator
-from ...errors import MorlaxError, unknown
+from ...errors import MorlaxError, require, unknown
 from ...physics import compiling
 from ...worlds.mirror import Mirror
 from ...worlds.options import Count, Limits, ObjectiveOptions, Objectives, Point
-from ..foreign import ForeignWorlds, Outcome, imported, require
+from ..foreign import ForeignWorlds, Outcome, imported
 from . import following
 from .commands import MOTION, VELOCITY
 from .history import History, lengths
