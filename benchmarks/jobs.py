@@ -33,8 +33,8 @@ class Job(BaseModel, extra="forbid"):
     seconds: float
     command: str
     seeds: list[int] = []
-    after: str | None = None
-    """Name of a job that must have ended before, if it is in the list."""
+    after: list[str] = []
+    """Names of jobs that must have ended before, if they are in the list."""
 
     def each(self) -> Iterator["Job"]:
         """Yield this job, once for each seed."""
@@ -80,7 +80,7 @@ def main(
                 fitting = [job for job in waiting if job.seconds <= left]
                 unfinished = {*running, *(job.name for job in waiting)}
                 for job in fitting:
-                    if job.after not in unfinished:
+                    if unfinished.isdisjoint(job.after):
                         waiting.remove(job)
                         running.add(job.name)
                         return job
