@@ -26,6 +26,7 @@ from morlax_torch.configuration.files import task_values
 from morlax_torch.envs.bridges.mjlab import worlds
 from morlax_torch.envs.bridges.mjlab.mirror import mirror_of
 from morlax_torch.envs.bridges.mjlab.step import MaskedStep
+from morlax_torch.envs.physics import compiling
 from morlax_torch.exports.exporting import export
 from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import load_front
@@ -127,6 +128,24 @@ def test_worlds_that_are_not_finite_terminate_and_earn_nothing():
         assert not step.reward[1].any() and step.reward[0].any()
         assert step.observation.isfinite().all() and step.final_observation.isfinite().all()
     assert env.blowups == 2
+
+
+@pytest.mark.filterwarnings("ignore:MULTICCD")
+@pytest.mark.parametrize("name", [GO1, ROUGH, CARTPOLE])
+def test_a_gpu_compiles_all_of_a_step_s_physics_ahead(name):
+    ahead: dict = {}
+    with compiling._no_launches(ahead):
+        worlds.step_physics(worlds.load(name), "cpu")
+    env = envs.make(name, 4, "cpu")
+    step: dict = {}
+    with compiling._no_launches(step):
+        env.env.sim.step()
+        env.env.sim.reset(torch.tensor([0, 2]))
+    compiled, needed = (
+        {module.get_module_identifier(size) for module, _, size in variants}
+        for variants in (ahead, step)
+    )
+    assert len(needed) > 20 and needed <= compiled
 
 
 def test_worlds_draw_from_a_generator_of_their_own():

@@ -222,23 +222,41 @@ class SharedDraws(TorchDispatchMode):
 
 
 def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
-    """Return mjlab's environment of a new config, with its kernels compiled on the CPU."""
-    environment = import_module("mjlab.envs").ManagerBasedRlEnv
-
-    def rehearse() -> None:
-        env = environment(config(), device=str(device))
-        env.reset()
-        shape = env.num_envs, env.action_manager.total_action_dim
-        env.step(torch.zeros(shape, dtype=torch.float32))
-
+    """Return mjlab's environment of a new config, with its kernels compiled in parallel."""
     # tables of all terms; contacts with uneven ground that have only one point
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(action="ignore"):
-        # on a GPU, torch could stop the process at an index that no kernel has written
-        if device.type == "cpu" and name not in _rehearsed:
+        if name not in _rehearsed:
             _rehearsed.add(name)
-            compiling.start(rehearse)
+            # on a GPU, torch could stop the process at an index that no kernel has written
+            rehearse = _step_environment if device.type == "cpu" else step_physics
+            compiling.start(partial(rehearse, config(), str(device)))
             compiling.finish()
-        return environment(config(), device=str(device))
+        return import_module("mjlab.envs").ManagerBasedRlEnv(config(), device=str(device))
+
+
+def _step_environment(config: Any, device: str) -> None:
+    env = import_module("mjlab.envs").ManagerBasedRlEnv(config, device=device)
+    env.reset()
+    env.step(torch.zeros(env.num_envs, env.action_manager.total_action_dim))
+
+
+def step_physics(config: Any, device: str) -> None:
+    """Step and reset one world, as mjlab's `Simulation` does, without anything of torch."""
+    import mujoco_warp as mjw
+    import warp as wp
+
+    config.scene.num_envs = 1
+    model = import_module("mjlab.scene").Scene(config.scene, device=device).compile()
+    config.sim.mujoco.apply(model)
+    with wp.ScopedDevice(device):
+        physics = mjw.put_model(model)
+        config.sim.apply_wp_opt(physics.opt)
+        size = {"nconmax": config.sim.nconmax, "njmax": config.sim.njmax}
+        data = mjw.make_data(model, nworld=1, **size)
+        mjw.step(physics, data)
+        mjw.forward(physics, data)
+        mjw.reset_data(physics, data, reset=wp.zeros(1, dtype=bool))
+        wp.synchronize_device()  # Warp frees the spare data on another stream
 
 
 def _not_finite(env: Any) -> Tensor:
