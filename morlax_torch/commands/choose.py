@@ -19,7 +19,8 @@ class Choose(OfRun, Limits):
     A value is the return of an objective, counted as in training's evaluations, or a quantity that
     they measure, such as "power (W)"; "power" is enough. The command simulates trade-offs of the
     run's front and others between them, and prints the best that keeps every requirement in
-    simulation. For a robot of mjlab on a CPU, it simulates nothing and takes the front's best.
+    simulation. For a robot of mjlab on a CPU, it simulates nothing and takes the front's best,
+    unless --over-time asks for more.
     """
 
     maximize: Annotated[str, arg(metavar="NAME")]
@@ -40,7 +41,7 @@ class Choose(OfRun, Limits):
     over_time: bool = False
     """Find a trade-off that changes within an episode, and write it for --tradeoff of record,
     explore and play. A requirement may hold for a window of time: "run=500 @ 3-5" for seconds 3 to
-    5."""
+    5. Robots of mjlab need a GPU, or hours."""
     knots: int = Field(default=8, ge=2)
     """Points in time of a trade-off over time, linear in between; more if its windows need more."""
     slew: PositiveFloat = 2.0
