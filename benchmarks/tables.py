@@ -1,4 +1,4 @@
-"""Write the tables of docs/results.md and README.md from the rows in benchmarks/results.
+"""Write the tables of README.md and of two pages of docs from the rows in benchmarks/results.
 
 python benchmarks/tables.py          # rewrite them in place
 python benchmarks/tables.py --check  # name the tables that differ from their rows
@@ -20,7 +20,7 @@ import compare_report
 from row_files import Row, markdown, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "docs" / "results.md", ROOT / "README.md")
+PAGES = (*(ROOT / "docs" / name for name in ("results.md", "mjlab.md")), ROOT / "README.md")
 RESULTS = ROOT / "benchmarks" / "results"
 MARK = re.compile(r"^(<!-- table: (\w+) -->\n\n)((?:\|.*\n)+)", re.MULTILINE)
 
