@@ -29,6 +29,7 @@ def main(
     tradeoffs: int = 128,
     episodes: int = 16,
     seed: int = 0,
+    motion: Path | None = None,
     device: str | None = None,
     output: Path | None = None,
 ) -> None:
@@ -40,6 +41,7 @@ def main(
         tradeoffs: Number of policies of each run.
         episodes: Episodes of each policy; as many others choose which to report.
         seed: Seed of the episodes.
+        motion: File to follow (None: that of the training).
         device: cuda or cpu (None: CUDA if available).
         output: CSV file of rows.
     """
@@ -48,6 +50,8 @@ def main(
     for run in runs:
         policy = load(run, target)
         config = policy.config.model_copy(update={"device": str(target)})
+        if motion is not None:
+            config = config.with_task(motion_file=str(motion))
         trial, front = fronts(policy.agent, config, tradeoffs, episodes, seed)
         error, power = (quantity(trial, name) for name in ("body error (mm)", "power (W)"))
         near = (error <= NEAR * error.min()) & (trial.falls <= FALLS)

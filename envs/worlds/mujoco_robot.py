@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import mujoco
@@ -55,7 +56,7 @@ class Deployment(NamedTuple):
 
     settings: dict[str, Any]  # plain values in the shape of unitree_rl_lab's deploy.yaml
     model: bytes | None  # a zip of robot.xml and the files that it names, if it can be written
-    motion: bytes | None = None  # an npz of what the policy follows, one frame per control step
+    motions: Sequence[bytes] = ()  # npz files of what it follows, one frame per control step
 
 
 class Robot(Worlds):

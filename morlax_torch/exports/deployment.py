@@ -13,7 +13,7 @@ from ..host.version import __version__
 if TYPE_CHECKING:
     from ..envs import Robot  # imports torch, which playing an export does without
 
-SETTINGS, MODEL, MOTION = "deploy.yaml", "robot.zip", "motion.npz"
+SETTINGS, MODEL, MOTION = "deploy.yaml", "robot.zip", "motion{}.npz"
 HEADER = "# Settings of a controller; every key is explained in morlax_torch's docs/export.md.\n"
 
 
@@ -25,7 +25,7 @@ def deploy(
     tradeoff: Sequence[float] | None = None,
     slew: float | None = None,
 ) -> list[str] | None:
-    """Write deploy.yaml, robot.zip and a motion to follow beside the file of an exported policy.
+    """Write deploy.yaml, robot.zip and motions to follow beside the file of an exported policy.
 
     `tradeoff` (m,) is None if it is an input, and its weights change by at most `slew` per second.
     Returns what the files lack, in sentences; None, and no file is written, unless the robot's
@@ -34,12 +34,14 @@ def deploy(
     deployment = robot.deployment()
     if deployment is None:
         return None
+    numbers = range(1, len(deployment.motions) + 1)
+    motions = [MOTION.format("" if number == 1 else number) for number in numbers]
     ours = {
         "version": __version__,
         "task": task,
         "policy": policy.name,
         "model": MODEL if deployment.model else None,
-        "motion": MOTION if deployment.motion else None,
+        "motion": next(iter(motions), None),
         "objectives": objectives,
         "tradeoff": tradeoff,
         "slew": slew,
@@ -51,8 +53,8 @@ def deploy(
     text = yaml.safe_dump(settings, default_flow_style=None, sort_keys=False, width=100)
     if deployment.model:
         write_file(policy.with_name(MODEL), deployment.model)
-    if deployment.motion:
-        write_file(policy.with_name(MOTION), deployment.motion)
+    for name, content in zip(motions, deployment.motions, strict=True):
+        write_file(policy.with_name(name), content)
     write_file(policy.with_name(SETTINGS), HEADER + text)
     action, stiffness = settings["actions"]["JointPositionAction"], settings["stiffness"]
     driven = zip(action["joint_ids"] or range(len(stiffness)), action["joint_names"], strict=True)

@@ -115,6 +115,38 @@ def test_evaluated_episodes_of_every_trade_off_start_at_the_same_frames(motion):
     assert (command.time_steps == 99).all()
 
 
+@pytest.fixture
+def clips(tmp_path) -> Path:
+    """A folder with a motion of 2 s, one of 3 s, and a file of another kind."""
+    (tmp_path / "clips").mkdir()
+    write_squat(tmp_path / "clips/a.npz")
+    write_csv(tmp_path / "clips/b.csv", squat(3.0, 30))
+    (tmp_path / "clips/README.md").write_text("Two squats.")
+    return tmp_path / "clips"
+
+
+def test_motions_of_a_folder_are_followed_each_to_its_end(clips):
+    env = make(clips, 8, auto_reset=True)
+    command, action = env.env.command_manager.get_term("motion"), torch.zeros(8, env.action_size)
+    frames = command.time_steps
+    assert command.motion.time_step_total == 249  # 100 at the control rate, and 149
+    frames[:] = 98
+    env.step(action)
+    assert (frames == 99).all()
+    env.step(action)  # mjlab alone would go on to the first frame of the other motion
+    assert len(frames.unique()) > 1
+    pose = command.robot_body_pos_w - command.body_pos_w
+    assert pose.norm(dim=-1).max() < 0.5  # but for what mjlab disturbs starts by
+    command._adaptive_sampling = lambda worlds: frames.index_fill_(0, worlds, 99)
+    env.env.episode_length_buf.fill_(49)
+    env.step(action)  # new episodes start at the last frame of a motion, and stay there
+    assert (frames == 99).all()
+    env.share_draws(torch.arange(8), 8)
+    env.reset()
+    ends = torch.where(frames < 100, 100, 249)
+    assert (frames + 50 < ends + 1).all() and len(ends.unique()) == 2
+
+
 def pair(motion: Path, device: str) -> tuple[Any, Any]:
     """Return two environments of mjlab that push robots alike; one episode and one motion end."""
 
@@ -247,6 +279,7 @@ BAD = {
     "episode-length 39, or less": lambda p: write_motion(p / "bad.npz", squat()[:40], 50),
     "and .*/other.npz is no file: name its file with": lambda p: p / "other.npz",
     "State-Estimation follows a motion: name its file": lambda p: "",
+    "follows a motion, and .* has none: name its file": lambda p: p,
 }
 
 

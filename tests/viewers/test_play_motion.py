@@ -150,6 +150,32 @@ def test_a_robot_stays_as_its_episode_ended(exported):
     assert take.failed and player.data.qpos[2] < 0.6
 
 
+def test_motions_of_a_folder_are_shown_in_turn_and_exported_one_by_one(tmp_path):
+    for name, seconds in (("a", SECONDS), ("b", 1.0)):
+        (tmp_path / "clips").mkdir(exist_ok=True)
+        write_squat(tmp_path / f"clips/{name}.npz", seconds)
+    few = {**FEW, "task.motion_file": str(tmp_path / "clips"), "evaluation.tradeoffs": 8}
+    few["task.motion_stand"] = 0.0
+    trained = train(tiny(TASK, backend=None, **few), output=tmp_path / "run").folder
+    player = Player(load_policy(str(trained), "cpu"), [1.0] * 7)
+    motion = player.env.motion
+    motion.reset_to_frame(torch.arange(1), 37)
+    motion.time_steps += 1
+    poses = [squat(SECONDS)[38], squat(1.0)[0], squat(1.0)[0], squat(1.0)[1]]
+    for frame, pose in zip((39, 40, 41, 42), poses, strict=True):
+        player.step()
+        assert motion.time_steps.item() == frame and not player.over
+        np.testing.assert_allclose(player.ghost.qpos, pose, atol=1e-6)
+        np.testing.assert_allclose(player.data.qpos[7:], pose[7:], atol=0.3)  # rad
+    player.reset()
+    np.testing.assert_allclose(player.ghost.qpos, squat(SECONDS)[0], atol=1e-6)
+    export.command([str(trained), "--output", str(tmp_path / "out/family.onnx")])
+    deployment, file = open_export(tmp_path / "out"), tmp_path / "out/deploy.yaml"
+    assert deployment.duration == pytest.approx(SECONDS)
+    file.write_text(file.read_text().replace("motion.npz", "motion2.npz"))
+    assert open_export(tmp_path / "out").duration == pytest.approx(1.0)
+
+
 def test_a_motion_that_is_missing_or_another_robot_s_is_one_sentence(exported, refused):
     file = exported[TASK] / "motion.npz"
     content = dict(np.load(file))

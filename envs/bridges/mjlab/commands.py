@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ...worlds.episodes import refill
+from .motion import bounds
 
 EVEN = 0.5  # share of episodes that start anywhere in a motion
 VELOCITY, MOTION = "UniformVelocityCommand", "MotionCommand"  # mjlab's classes
@@ -70,7 +71,7 @@ class Velocity:
 
 
 class Motion:
-    """A motion to follow. Half of the episodes start where robots failed, the others anywhere.
+    """Motions to follow. Half of the episodes start where robots failed, the others anywhere.
 
     In thousands of worlds, mjlab's share of even draws vanishes beside its counts of failures, and
     hardly an episode starts in a second in which nobody fails, such as the first.
@@ -79,6 +80,10 @@ class Motion:
     def __init__(self, term: Any, masked: Masked):
         self._term, self._masked = term, masked
         self._everyone = torch.arange(term.num_envs, device=term.device)
+        # whether the motion before a frame is over
+        starts = bounds(term.cfg.motion_file)
+        self._begins = torch.zeros(starts[-1] + 1, dtype=torch.bool, device=term.device)
+        self._begins[starts[1:]] = True
         term._adaptive_sampling = self._draw_frames  # mjlab's counts failures there, too
 
     @staticmethod
@@ -86,7 +91,7 @@ class Motion:
         return cfg.resampling_time_range[0] > NEVER
 
     def restart(self, over: Tensor) -> None:
-        """Go on by a frame; put robots at new ones where an episode (N,) or the motion is over."""
+        """Go on by a frame; put robots at new ones where an episode (N,) or a motion is over."""
         term, total = self._term, self._term.motion.time_step_total
         failed = term._env.termination_manager.terminated & over
         bins = term.time_steps * term.bin_count // total
@@ -94,9 +99,10 @@ class Motion:
         last_counts = term._current_bin_failed
         last_counts.copy_(torch.where(failed.any(), counts, last_counts))
         term.time_steps += 1
-        ended = (term.time_steps >= total) & ~over
+        ended = self._begins[term.time_steps] & ~over
         self._masked(over | ended, partial(term._resample_command, self._everyone))
-        term.time_steps.add_(over).clamp_(max=total - 1)  # mjlab moves on after drawing
+        # mjlab moves on after drawing
+        term.time_steps.add_(over & ~self._begins[term.time_steps + 1])
         term._pending_forward = False  # the step computes positions of bodies anyway
 
     def go_on(self) -> None:

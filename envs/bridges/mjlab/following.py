@@ -1,6 +1,7 @@
 """How robots of mjlab's tracking tasks follow a motion: rewards and quantities that mjlab lacks."""
 
 from importlib import import_module
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .motion import bounds
 from .step import Constants
 from .walking import Measures
 
@@ -86,10 +88,11 @@ class Following(Measures):
         self._frame = SimpleNamespace(cfg=self._command.cfg, **values)
 
     def start(self, episodes: Tensor, length: int) -> None:
-        """Start each of `episodes` (N,) at its frame, so early that it ends before the motion."""
+        """Start each of `episodes` (N,) at its frame, so early that it ends before its motion."""
         command = self._command
-        frames = command.motion.time_step_total - length
-        starts = (episodes * GOLDEN % 1 * frames).long().to(command.device)
+        motions = pairwise(bounds(command.cfg.motion_file))
+        frames = torch.cat([torch.arange(first, end - length) for first, end in motions])
+        starts = frames[(episodes * GOLDEN % 1 * len(frames)).long()].to(command.device)
         command.cfg.sampling_mode = "uniform"
         command._uniform_sampling = lambda ids: command.time_steps.index_copy_(0, ids, starts[ids])
 

@@ -1,4 +1,4 @@
-"""Motions to follow: read from a file, checked, and brought to mjlab's arrays at a control rate."""
+"""Motions to follow: read from files, checked, and brought to mjlab's arrays at a control rate."""
 
 import tempfile
 import warnings
@@ -12,6 +12,7 @@ import numpy as np
 
 from ...errors import MorlaxError, warn_user
 
+ENDINGS = (".npz", ".csv")
 BODIES = ("body_pos_w", "body_quat_w", "body_lin_vel_w", "body_ang_vel_w")
 KEYS = ("joint_pos", "joint_vel", *BODIES)
 
@@ -37,6 +38,32 @@ def prepared(
     named: dict[str, Any] = {"fps": [rate], **arrays(qpos, rate, model)}
     np.savez(file, **named)
     return file, len(qpos)
+
+
+def files(path: Path) -> list[Path]:
+    """Return a file, or the motions of a folder, by name."""
+    if not path.is_dir():
+        return [path] if path.is_file() else []
+    return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+
+
+@cache
+def joined(*paths: Path) -> Path:
+    """Return a file of several motions in mjlab's format, one after the other."""
+    motions = [np.load(path) for path in paths]
+    lengths = [len(motion["joint_pos"]) for motion in motions]
+    named: dict[str, Any] = {"fps": motions[0]["fps"], "lengths": lengths}
+    named |= {name: np.concatenate([motion[name] for motion in motions]) for name in KEYS}
+    file = Path(tempfile.mkdtemp(dir=_folder().name), "motions.npz")
+    np.savez(file, **named)
+    return file
+
+
+def bounds(path: str) -> list[int]:
+    """Return the first frame of each motion of a file, and the number of all frames."""
+    with np.load(path) as file:
+        lengths = file["lengths"] if "lengths" in file else [len(file["joint_pos"])]
+    return [0, *np.cumsum(lengths).tolist()]
 
 
 @cache

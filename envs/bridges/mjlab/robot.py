@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from functools import cache
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from torch import Tensor
 
 from ...worlds.interface import TimeStep
 from ...worlds.mujoco_robot import Deployment, Part, Robot
-from .motion import KEYS
+from .motion import KEYS, bounds
 from .worlds import MjlabWorlds, from_task
 
 NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ
@@ -47,8 +48,9 @@ def robot_of(name: str) -> type["MjlabRobot"]:
 class MjlabRobot(MjlabWorlds, Robot):
     """Worlds of mjlab on the CPU whose command stays as it is until someone changes it.
 
-    An episode is a whole motion, if one is followed. A robot stays as its episode ended until it is
-    restarted, so that viewers show its fall, and goes on after a time limit, as in films.
+    An episode is a whole motion, if one is followed, or all of them in turn. A robot stays as its
+    episode ended until it is restarted, so that viewers show its fall, and goes on after a time
+    limit, as in films.
     """
 
     restarts = False
@@ -74,6 +76,9 @@ class MjlabRobot(MjlabWorlds, Robot):
                 self.motion = self.env.command_manager.get_term(name)
                 self.episode_length = self.motion.motion.time_step_total - 1
                 self.env.cfg.episode_length_s = (self.episode_length - 0.5) * self.env.step_dt
+                self._starts = torch.tensor(bounds(term.motion_file)[:-1])
+                self.motion.cfg.sampling_mode = "uniform"
+                self.motion._uniform_sampling = self._draw_frames
             if len(limits) == command.shape[1] and not self._velocity:
                 self.command_limits, self.command = limits, command
                 self._velocity = name if tuple(limits) == AXES else ""
@@ -113,20 +118,25 @@ class MjlabRobot(MjlabWorlds, Robot):
             return None
         pose, motion = self.physics.qpos[0].clone(), command.motion
         frame = command.time_steps[0]
-        if not self._over.any():
-            frame = frame.sub(1).clamp(min=0)  # the command is the next one
+        if not self._over.any() and frame not in self._starts:
+            frame = frame - 1  # the command is the next one
         indexing = command.robot.indexing
         root = motion.body_pos_w[frame, 0], motion.body_quat_w[frame, 0]
         pose[indexing.free_joint_q_adr] = torch.cat(root)
         pose[indexing.joint_q_adr] = motion.joint_pos[frame]
         return pose
 
+    def _draw_frames(self, worlds: Tensor) -> None:
+        """Stay where another motion begins; an episode begins with the first."""
+        frames = self.motion.time_steps
+        frames[worlds] *= torch.isin(frames[worlds], self._starts)
+
     def deployment(self) -> Deployment | None:
         scales = self.scales()
         if scales is None:
             return None
         env, terms, model = self.env, self._actions(), self.env.sim.mj_model
-        name, motion = terms[0].cfg.entity_name, None
+        name, motions = terms[0].cfg.entity_name, list[bytes]()
         robot = env.scene[name]
         ids = torch.cat([term.target_ids for term in terms]).tolist()
         joints = [f"{name}/{joint}" for joint in robot.joint_names]
@@ -175,13 +185,13 @@ class MjlabRobot(MjlabWorlds, Robot):
         }
         if self.motion is not None:
             fps = round(1 / env.step_dt, 6)
-            cfg, motion = self.motion.cfg, _motion(self.motion, fps)
+            cfg, motions = self.motion.cfg, _motions(self.motion, fps)
             settings["morlax_torch"] |= {
                 "motion_fps": fps,
                 "anchor_body": f"{name}/{cfg.anchor_body_name}",
                 "key_bodies": [f"{name}/{body}" for body in cfg.body_names],
             }
-        return Deployment(settings, _zipped(env), motion)
+        return Deployment(settings, _zipped(env), motions)
 
     def _actions(self) -> list[Any]:
         manager = self.env.action_manager
@@ -257,12 +267,15 @@ def _clip(terms: list[Any]) -> list[list[float]] | None:
     return rows
 
 
-def _motion(command: Any, fps: float) -> bytes:
-    """Return the motion of mjlab's command as a file with mjlab's names, of key bodies only."""
-    arrays = {name: getattr(command.motion, name).numpy() for name in KEYS}
-    file = io.BytesIO()
-    np.savez_compressed(file, fps=np.array([fps]), **arrays)
-    return file.getvalue()
+def _motions(command: Any, fps: float) -> list[bytes]:
+    """Return the motions of mjlab's command as files with mjlab's names, of key bodies only."""
+    arrays, contents = {name: getattr(command.motion, name).numpy() for name in KEYS}, []
+    for first, end in pairwise(bounds(command.cfg.motion_file)):
+        file = io.BytesIO()
+        part = {name: values[first:end] for name, values in arrays.items()}
+        np.savez_compressed(file, fps=np.array([fps]), **part)
+        contents.append(file.getvalue())
+    return contents
 
 
 def _zipped(env: Any) -> bytes | None:

@@ -26,7 +26,7 @@ from . import following
 from .commands import MOTION, VELOCITY
 from .history import History, lengths
 from .mirror import mirror_of
-from .motion import prepared
+from .motion import files, joined, prepared
 from .step import LEVELS, MaskedStep, supported
 from .walking import LOWER_IS_BETTER, QUANTITIES, Walking
 
@@ -50,7 +50,8 @@ class MjlabOptions(ObjectiveOptions):
     """Ranges of commands by term and name, such as twist.lin_vel_x: [-1, 1]."""
     motion_file: MotionFile = ""
     """Motion to follow, for tasks that need one: in mjlab's npz format, or a CSV file whose columns
-    are the root's x y z, its quaternion x y z w, and the angles of all joints."""
+    are the root's x y z, its quaternion x y z w, and the angles of all joints. A folder: all its
+    motions."""
     motion_fps: PositiveFloat = 30.0
     """Frames per second of a CSV file."""
     motion_stand: Annotated[float, Field(ge=0, le=60)] = 2.0
@@ -110,6 +111,11 @@ class MjlabWorlds(ForeignWorlds):
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)
         masked = supported(cfg)
+        if not masked and len(files(Path(self.options.motion_file))) > 1:
+            raise MorlaxError(
+                f"{self.name} can follow one motion, not a folder of them, because its terms need "
+                "mjlab's own step."
+            )
         self.recordable = masked and self.device.type == "cuda"
         self._sharing: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
         if self.recordable:  # a recording draws from no other generator than torch's own
@@ -333,22 +339,26 @@ def _ready_terrain(cfg: Any) -> None:
 
 def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
     """Return the file of the motion that a command of mjlab follows, in mjlab's format."""
-    file = Path(options.motion_file or command.motion_file)
-    if not file.is_file():
+    path = Path(options.motion_file or command.motion_file)
+    if not (paths := files(path)):
+        missing = f", and {path} {'has none' if path.is_dir() else 'is no file'}"
         raise MorlaxError(
-            f"{name} follows a motion{options.motion_file and f', and {file} is no file'}: name "
-            "its file with --task.motion-file FILE.npz, or FILE.csv."
+            f"{name} follows a motion{options.motion_file and missing}: name its file with "
+            "--task.motion-file FILE.npz, or FILE.csv."
         )
     rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
     robot = cfg.scene.entities[command.entity_name].spec_fn
-    time, fps, stand = file.stat().st_mtime_ns, options.motion_fps, options.motion_stand
-    ready, frames = prepared(file, time, fps, stand, rate, robot)
-    if frames <= options.episode_length:
-        raise MorlaxError(
-            f"{file} lasts {frames} control steps, and an episode {options.episode_length}: set "
-            f"--task.episode-length {frames - 1}, or less."
-        )
-    return str(ready)
+    ready = []
+    for file in paths:
+        time, fps, stand = file.stat().st_mtime_ns, options.motion_fps, options.motion_stand
+        motion, frames = prepared(file, time, fps, stand, rate, robot)
+        if frames <= options.episode_length:
+            raise MorlaxError(
+                f"{file} lasts {frames} control steps, and an episode {options.episode_length}: "
+                f"set --task.episode-length {frames - 1}, or less."
+            )
+        ready.append(motion)
+    return str(ready[0] if len(ready) == 1 else joined(*ready))
 
 
 def add_terms(cfg: Any) -> None:
