@@ -89,9 +89,7 @@ class Learner(ABC):
                 f"{', '.join(names)}: make them with config.make_worlds(config.worlds, seed)."
             )
         if not env.auto_reset:
-            raise MorlaxError(
-                "these worlds stay where an episode ended: make them with auto_reset=True."
-            )
+            raise MorlaxError("worlds to learn in need auto_reset=True, to begin new episodes.")
         if self.algorithm not in (None, config.algorithm):
             raise MorlaxError(
                 f"the config is for algorithm {config.algorithm}, but {type(self).__name__} is "
