@@ -1,7 +1,7 @@
 """The options of tasks: objectives, episodes, simulation and domain randomization."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import (
@@ -15,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from ..errors import shortened
+from ..errors import shortened, unknown
 
 STORED = "stored"  # context of the values of a run, which an earlier version may have written
 LARGEST = 1e9  # of any number, in size: squares of it are still finite in float32
@@ -37,6 +37,13 @@ class Section(BaseModel):
     )
 
     vast: ClassVar[tuple[str, ...]] = ()  # options that may be larger than LARGEST
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy with other values, which are not checked; their names are."""
+        for name in update or {}:
+            if name not in type(self).model_fields:
+                raise unknown("key", name, type(self).model_fields)
+        return super().model_copy(update=update, deep=deep)
 
     @model_validator(mode="before")
     @classmethod

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -66,6 +66,8 @@ class Learner(ABC):
     and errors are those of `MORLAX`, but for the agent.
     """
 
+    algorithm: ClassVar[str | None] = None
+    """The only algorithm that a config may name; None: any."""
     group: Group
     """The processes that train together. `state_dict` copies the state of this process."""
     steps_per_iteration: int
@@ -80,6 +82,18 @@ class Learner(ABC):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
                 f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
+            )
+        if env.objectives != (names := tuple(config.task.objectives)):
+            raise MorlaxError(
+                f"the worlds have the objectives {', '.join(env.objectives)}, but config.task has "
+                f"{', '.join(names)}: make them with config.make_worlds(config.worlds, seed)."
+            )
+        if not env.auto_reset:
+            raise MorlaxError("worlds to learn in need auto_reset=True, to begin new episodes.")
+        if self.algorithm not in (None, config.algorithm):
+            raise MorlaxError(
+                f"the config is for algorithm {config.algorithm}, but {type(self).__name__} is "
+                f"{self.algorithm}: use morlax_torch.train.train, which makes the right learner."
             )
         self.env, self.config, self.group = env, config, group
         group.share(agent)  # a user's networks may start differently in every process

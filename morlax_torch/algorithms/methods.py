@@ -36,6 +36,8 @@ class MORLAX(Trainer):
         MorlaxError: config and worlds disagree, or a network does not fit the worlds.
     """
 
+    algorithm = "morlax"  # users make it from any config
+
     def _draw(self) -> None:
         self._draws.fill(self.tradeoffs, self.generator, self._done)
 

@@ -32,7 +32,8 @@ class Evaluate(Trusting):
     or more."""
     tradeoffs: int | None = None
     """Number of trade-offs: an even grid for two objectives; the corners and fixed random draws for
-    more (None: as in training, or the 1024 random draws of another protocol)."""
+    more; with another protocol than latched, random draws (None: as in training, or 1024 of these).
+    """
     protocol: Protocol | None = None
     """How returns are counted (docs/evaluation.md). latched: up to and including the first failed
     step; paper: as in the paper's tables; discounted: as in the tables of C-MORL and D3PO (None: as

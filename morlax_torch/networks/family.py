@@ -50,7 +50,7 @@ class Family(nn.Module, ABC):
 
     @abstractmethod
     def specialize(self, condition: Tensor) -> nn.Module:
-        """Return a plain copy of the network of one condition (m + d,)."""
+        """Return a plain copy of the network of one condition (m + d,), which can learn alone."""
 
 
 def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
@@ -204,7 +204,7 @@ class Generated(Family):
             values = {**self.split(flat), **self._buffers_of_family()}
             for name, tensor in [*network.named_parameters(), *network.named_buffers()]:
                 tensor.copy_(values[name])
-        return network
+        return network.requires_grad_()
 
     def _buffers_of_family(self) -> dict[str, Tensor]:
         names = enumerate(self._names_of_buffers)

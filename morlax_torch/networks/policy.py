@@ -52,12 +52,14 @@ class Policy(nn.Module):
         tradeoff = checked_tradeoff(tradeoff, self.objectives, observation.device)
         if tradeoff.ndim == 1:
             return self.agent.actors(tradeoff[None]).act(observation[None])[0]
-        if len(tradeoff) != len(observation):
+        rows = observation.reshape(-1, self.agent.observation_size)
+        if len(tradeoff) != len(rows):
             raise MorlaxError(
-                f"there are {len(observation)} observations but {len(tradeoff)} trade-offs: give "
-                "one per observation, or one for all."
+                f"the number of observations is {len(rows)}, but that of trade-offs "
+                f"{len(tradeoff)}: give one per observation, or one for all."
             )
-        return self.agent.actors(tradeoff).act(observation[:, None])[:, 0]
+        actions = self.agent.actors(tradeoff).act(rows[:, None])
+        return actions.reshape(*observation.shape[:-1], self.agent.action_size)
 
     def for_design(self, design: Mapping[str, float]) -> "Policy":
         """Return the policies of another body: that with these design parameters, by name.

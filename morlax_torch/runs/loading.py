@@ -233,8 +233,8 @@ def evaluate(
     Args:
         run: the policies; a `Policy` is moved to the device.
         tradeoffs: K, the number of trade-offs: an even grid for two objectives; the corners and
-            fixed random draws for more; None: as in training, or the 1,024 random ones of
-            published tables.
+            fixed random draws for more; by another protocol than latched, random draws. None: as
+            in training, or the 1,024 of published tables.
         protocol: how returns are counted, see `Evaluator`; None: as in training.
         device: "cuda", "cpu", ...; None selects CUDA if there is a GPU.
         backend: "warp" or "mujoco"; None is chosen by device.

@@ -18,6 +18,7 @@ from ..host.torchrun import launch
 FRONTS = "fronts"  # folder in that of a run
 Kept = dict[Path, tuple[float, float, float]]  # env_steps, train_seconds, hypervolume by file
 BEST = "best"  # column: 1 if the checkpoint of the evaluation became best.pt, else 0
+PROTOCOL = "protocol"  # column: how returns were counted, the only one that is text
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume
 
 
@@ -66,6 +67,7 @@ class Evaluation(NamedTuple):
             "steps_per_second": round(self.steps_per_second),
             "blowups": self.blowups,
             BEST: int(self.best),
+            PROTOCOL: self.front.protocol,
         }
 
 
@@ -97,7 +99,7 @@ class Progress(BaseModel):
 
 
 class History(NamedTuple):
-    """Training curves with one value per evaluation, (E,)."""
+    """Training curves with one value per evaluation by the last one's protocol, (E,)."""
 
     env_steps: np.ndarray
     train_seconds: np.ndarray
@@ -106,20 +108,26 @@ class History(NamedTuple):
     @classmethod
     def load(cls, path: AnyPath) -> Self:
         """Read a run's metrics.csv; each hypervolume is exact or approximate, as in its row."""
-        rows = read_rows(path)
+        rows = comparable(read_rows(path))
         values = [[*(float(row[n]) for n in COUNTERS[1:]), hypervolume_of(row)] for row in rows]
         return cls(*np.transpose(values))
 
 
 def kept_fronts(run: Path) -> Kept:
     """Return the fronts that a run has kept, from the first evaluation to the newest."""
-    rows = read_rows(run / "metrics.csv") if (run / FRONTS).is_dir() else ()
+    rows = comparable(read_rows(run / "metrics.csv")) if (run / FRONTS).is_dir() else ()
     files = {run / FRONTS / f"{row['iteration']}.npz": row for row in rows}
     return {
         file: (float(row["env_steps"]), float(row["train_seconds"]), hypervolume_of(row))
         for file, row in files.items()
         if file.is_file()
     }
+
+
+def comparable(rows: Sequence[dict[str, str]]) -> list[dict[str, str]]:
+    """Return the evaluations by the last one's protocol, which a resumed run may have changed."""
+    last = rows[-1].get(PROTOCOL)
+    return [row for row in rows if row.get(PROTOCOL) in ("", last)]  # "": of an earlier version
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:
@@ -131,13 +139,15 @@ def read_rows(path: AnyPath) -> list[dict[str, str]]:
             raise ValueError
         for row in rows:  # cells are finite, or empty because their column is newer
             counters = [int(row["iteration"]), *(float(row[name]) for name in COUNTERS[1:])]
-            cells = [hypervolume_of(row), *(float(cell) for cell in row.values() if cell != "")]
+            numbers = {k: cell for k, cell in row.items() if cell != "" and k != PROTOCOL}
+            cells = [hypervolume_of(row), *map(float, numbers.values())]
             if min(counters) < 0 or not all(map(math.isfinite, cells)):
                 raise ValueError
     except (csv.Error, KeyError, StopIteration, TypeError, ValueError):
         raise MorlaxError(
             f"{path} is damaged: it needs a row for each evaluation of a run, with "
-            f"{', '.join(COUNTERS)} and hypervolume, and every cell must be a finite number."
+            f"{', '.join(COUNTERS)} and hypervolume, and all cells must be finite numbers, except "
+            "the protocol."
         ) from None
     return rows
 

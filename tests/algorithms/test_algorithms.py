@@ -13,7 +13,7 @@ from tiny import iterate, tiny
 from tiny import learner as learner_of
 from torch.testing import assert_close
 
-from morlax_torch import MorlaxError, config_for, load, save
+from morlax_torch import MORLAX, MorlaxError, config_for, load, save
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.methods import AMOR, HyperMORL
 from morlax_torch.algorithms.registry import LEARNERS
@@ -22,6 +22,7 @@ from morlax_torch.commands.train import command
 from morlax_torch.configuration.config import Config
 from morlax_torch.configuration.sections import PPOConfig
 from morlax_torch.configuration.tradeoffs import even_tradeoffs, sample_cells
+from morlax_torch.envs import make
 from morlax_torch.evaluation.front import Front
 from morlax_torch.networks.family import Independent
 from morlax_torch.runs.loading import evaluate
@@ -324,6 +325,21 @@ def test_bad_combinations_get_one_sentence(changes, message):
     with pytest.raises(MorlaxError, match=message) as caught:
         config_for("cheetah", device="cpu", **changes)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("worlds", "changes", "message"),
+    [
+        ({"num_worlds": 4}, {}, "4 worlds, but config.worlds is 8"),
+        ({"auto_reset": False}, {}, "auto_reset=True"),
+        ({}, {"task.objectives": {"jump": {"jump": 1}, "run": {"run": 1}}}, "has jump, run"),
+        ({}, {"algorithm": "hyper-morl"}, "for algorithm hyper-morl, but MORLAX is morlax"),
+    ],
+)
+def test_worlds_and_configs_that_do_not_fit_morlax_are_refused(worlds, changes, message):
+    env = make("hopper", **{"num_worlds": 8, "device": "cpu", **worlds})
+    with pytest.raises(MorlaxError, match=message):
+        MORLAX(env, tiny(**changes))
 
 
 def test_an_algorithm_is_chosen_on_the_command_line_or_in_a_file(tmp_path):

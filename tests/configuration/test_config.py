@@ -125,6 +125,14 @@ def test_unusable_values_are_refused_in_one_sentence(name):
     assert "\n" not in str(error.value) and len(str(error.value)) < 600
 
 
+def test_a_copy_of_a_config_has_no_unknown_names():  # which pydantic would pass over
+    config = config_for("cheetah", device="cpu")
+    assert config.model_copy(update={"seed": 3}).seed == 3
+    for values, name in ((config, "ppo.learning_rate"), (config.task, "episode_lenght")):
+        with pytest.raises(MorlaxError, match=f"unknown key '{name}'"):
+            values.model_copy(update={name: 1})
+
+
 UNREADABLE = {
     "the same key twice": ("env: ant\nseed: 1\nseed: 2\n", "the key seed appears twice"),
     "no base": ("env: ant\nbase: x\n", "there is no configs/x.yaml"),

@@ -26,7 +26,7 @@ from morlax_torch.runs import Run, checkpoint
 from morlax_torch.runs.choosing import USUAL, trials
 from morlax_torch.runs.choosing import choose as choice_of
 from morlax_torch.runs.loading import evaluate, find_run, load_front, pack
-from morlax_torch.runs.progress import Evaluation, History, hypervolume_of, read_rows
+from morlax_torch.runs.progress import Evaluation, History, hypervolume_of, kept_fronts, read_rows
 from morlax_torch.runs.training import Session, make_evaluator
 from morlax_torch.train import train
 
@@ -231,6 +231,7 @@ def resumed(folder: Path, **changes: object) -> Run:
 def test_another_protocol_begins_the_record_of_the_best_checkpoint_anew(interrupted, discounted):
     """Although its hypervolumes are smaller; also if the first session ends before it evaluates."""
     before = checkpoint.load(discounted / "checkpoints/best.pt").progress
+    rows = len(csv_rows(discounted / "metrics.csv"))
     if interrupted:
         config = tiny(**{**WORSE, "max_env_steps": 256})
         session = Session.of(config, Run.open(discounted))
@@ -240,6 +241,12 @@ def test_another_protocol_begins_the_record_of_the_best_checkpoint_anew(interrup
     assert after.progress.best_hypervolume < before.best_hypervolume
     assert load(discounted).config.evaluation.protocol == "latched"
     np.testing.assert_array_equal(load_front(discounted).returns, returns(discounted))
+    # curves hold no hypervolumes by the other protocol, from which they would seem to fall or rise
+    later = csv_rows(discounted / "metrics.csv")[rows:]
+    expected = [float(row["hypervolume"]) for row in later]
+    assert History.load(discounted / "metrics.csv").hypervolume.tolist() == expected
+    files = {f"{row['iteration']}.npz" for row in later}
+    assert {file.name for file in kept_fronts(discounted)} == files
 
 
 def test_the_record_goes_on_if_evaluations_stay_comparable(run):

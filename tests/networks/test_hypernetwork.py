@@ -105,6 +105,7 @@ def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
         assert type(member) is type(target)
         assert member.state_dict().keys() == target.state_dict().keys()
         torch.testing.assert_close(member(*(x[k] for x in inputs)), outputs[k])
+        assert all(value.requires_grad for value in member.parameters())  # to be trained on
     types = {value.dtype for value in family.double().specialize(TRADEOFFS[0]).parameters()}
     assert types == {torch.float64}
 

@@ -69,6 +69,7 @@ def test_each_row_can_have_its_own_tradeoff(policy, observation):
         alone = policy(observation[row : row + 1], tradeoff)
         torch.testing.assert_close(together[row : row + 1], alone)
         torch.testing.assert_close(policy(observation[row], tradeoff), alone[0])
+        torch.testing.assert_close(policy(observation[row], tradeoff[None]), alone[0])
         same = policy(observation, tradeoff)
         torch.testing.assert_close(same, policy(observation, tradeoff.expand(4, 2)))
         torch.testing.assert_close(same, policy.specialize(tradeoff)(observation))
@@ -173,6 +174,12 @@ def test_invalid_tradeoffs_give_clear_errors(policy, observation, which):
         policy(observation, tradeoff)
     with pytest.raises(MorlaxError):
         policy.specialize(tradeoff)
+
+
+@pytest.mark.parametrize("number", (2, 13))  # a hopper observes 13 numbers
+def test_one_observation_has_one_tradeoff(policy, observation, number):
+    with pytest.raises(MorlaxError, match=f"observations is 1, but that of trade-offs {number}"):
+        policy(observation[0], torch.ones(number, 2))
 
 
 def test_the_best_checkpoint_is_loaded_before_the_latest(saved, tmp_path):
