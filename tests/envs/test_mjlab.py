@@ -403,6 +403,35 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch
     assert moved == [-1, 0, 1]
 
 
+def test_a_body_that_events_move_is_moved_by_restarts_alone(monkeypatch):
+    entity, managers = import_module("mjlab.entity"), import_module("mjlab.managers")
+    registry = import_module("mjlab.tasks.registry")
+    usual, start = registry.load_env_cfg, import_module("mjlab.envs.mdp").reset_root_state_uniform
+
+    def ball() -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        body = spec.worldbody.add_body(name="ball", mocap=True)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0])
+        return spec
+
+    def with_ball(task: str) -> Any:
+        cfg = usual(task)
+        params = {"pose_range": {"x": (5, 6)}, "asset_cfg": managers.SceneEntityCfg("ball")}
+        event = managers.EventTermCfg(mode="reset", func=start, params=params)
+        cfg.scene.entities["ball"], cfg.events["ball"] = entity.EntityCfg(spec_fn=ball), event
+        return cfg
+
+    monkeypatch.setattr(registry, "load_env_cfg", with_ball)
+    env = envs.make(GO1, 4, "cpu", episode_length=7)
+    places = env.env.sim.data.mocap_pos
+    for _ in range(9):
+        before, step = places.clone(), env.step(noise(env))
+        moved = (places[:] != before).flatten(1).any(1)
+        assert torch.equal(moved, step.terminated | step.truncated)
+    player = Player(load("go1"), (1, 0, 0))
+    assert 5 < player.data.mocap_pos[0, 0] < 6  # a viewer shows it where it is
+
+
 @pytest.mark.parametrize("name", [GO1, ROUGH])
 def test_rollouts_and_evaluations_can_be_recorded(name, monkeypatch):
     check_recordable(tiny(name, backend=None, **FEW), monkeypatch)

@@ -17,6 +17,7 @@ from torch import Tensor
 from ...worlds.interface import TimeStep
 from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .motion import KEYS
+from .step import MOCAP
 from .worlds import MjlabWorlds, from_task
 
 NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ
@@ -63,7 +64,9 @@ class MjlabRobot(MjlabWorlds, Robot):
         data, model = self.env.sim.data, self.env.sim.mj_model
         model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away
         state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
-        self.physics = SimpleNamespace(model=model, **state)
+        moved = MOCAP if model.nmocap else ()
+        parts = {name: [getattr(data, name)[:]] for name in moved}
+        self.physics = SimpleNamespace(model=model, parts=parts, **state)
         self.motion: Any = None  # mjlab's term of the command, if a motion is followed
         self.command_limits, self._velocity = {}, ""  # name of the command of a velocity
         for name, term in self.env.cfg.commands.items():

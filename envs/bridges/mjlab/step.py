@@ -23,6 +23,7 @@ PUSH = "push_by_setting_velocity"
 EVENTS = "reset_root_state_uniform", "reset_joints_by_offset", PUSH, "randomize_terrain"
 LEVELS = "terrain_levels_vel"  # of the curriculum
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
+MOCAP = "mocap_pos", "mocap_quat"  # of models with such bodies, which events move
 
 Groups = dict[str, Tensor]  # of observations, (N, ...) each
 
@@ -40,8 +41,8 @@ class MaskedStep:
         for sensor in env.scene.sensors.values():
             if hasattr(sensor, "_extract_yaw_rotation"):  # mjlab's looks for special cases
                 sensor._extract_yaw_rotation = _yaw
-        data = env.sim.data
-        self.physics = [getattr(data, name)[:] for name in STATE]
+        moved = MOCAP if env.sim.mj_model.nmocap else ()
+        self.physics = [getattr(env.sim.data, name)[:] for name in (*STATE, *moved)]
         self._constants = Constants()
 
     def __call__(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
