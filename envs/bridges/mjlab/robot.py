@@ -217,6 +217,9 @@ class MjlabRobot(MjlabWorlds, Robot):
             clip = clip and [bound / self.options.action_scale for bound in clip]
         named = "sensor_name", "command_name"
         params = {name: value for name, value in cfg.params.items() if name in named}
+        joints = getattr(cfg.params.get("asset_cfg"), "joint_ids", slice(None))
+        if not isinstance(joints, slice):
+            params["asset_cfg"] = {"joint_ids": joints}
         if label == "velocity_commands":
             params["command_name"] = "base_velocity"
         if label.startswith("motion_"):
