@@ -26,6 +26,7 @@ from morlax_torch.configuration.files import task_values
 from morlax_torch.envs.bridges.mjlab import worlds
 from morlax_torch.envs.bridges.mjlab.mirror import mirror_of
 from morlax_torch.envs.bridges.mjlab.step import MaskedStep
+from morlax_torch.envs.bridges.mjlab.walking import torque_limits
 from morlax_torch.envs.physics import compiling
 from morlax_torch.exports.exporting import export
 from morlax_torch.runs.choosing import choose
@@ -615,6 +616,16 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
         errors += env.measure()[:, 0]
     steps = term.cfg.resampling_time_range[1] / env.env.step_dt  # by which mjlab divides
     torch.testing.assert_close(term.metrics["error_vel_xy"] * steps, errors)
+
+
+def test_torque_is_limited_by_motors_and_by_joints():
+    limits = {"hip": 'actuatorfrcrange="-3 3"', "knee": 'actuatorfrcrange="-3 3"', "toe": ""}
+    joints = "".join(f'<joint name="{name}" {limit}/>' for name, limit in limits.items())
+    body = f'<body>{joints}<geom size="1"/></body>'
+    motors = '<motor joint="hip"/><motor joint="knee" gear="2" forcerange="-1 1"/>'
+    text = f"<mujoco><worldbody>{body}</worldbody><actuator>{motors}</actuator></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text)
+    assert torque_limits(model).tolist() == [3.0, 2.0, np.inf]
 
 
 def test_actors_observe_what_sensors_measure_and_some_of_the_past(generator):
