@@ -267,6 +267,10 @@ class Robot:
         model.actuator_gainprm[self._motors, 0] = stiffness
         model.actuator_biasprm[self._motors, 1] = -stiffness
         model.actuator_biasprm[self._motors, 2] = -damping
+        # a motor of the model whose control is its torque becomes a servo with these gains
+        torques = self._motors[model.actuator_biastype[self._motors] == mujoco.mjtBias.mjBIAS_NONE]
+        model.actuator_biastype[torques] = mujoco.mjtBias.mjBIAS_AFFINE
+        model.actuator_ctrllimited[torques] = 0
         self.reset()
         for name, term in self._terms:
             size = len(self._values(name, term))
