@@ -337,7 +337,8 @@ def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
     if not file.is_file():
         raise MorlaxError(
             f"{name} follows a motion{options.motion_file and f', and {file} is no file'}: name "
-            "its file with --task.motion-file FILE.npz, or FILE.csv."
+            "its file with --task.motion-file FILE.npz, or FILE.csv, when you train, and keep it "
+            "there."
         )
     rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
     robot = cfg.scene.entities[command.entity_name].spec_fn
