@@ -121,6 +121,12 @@ def test_gains_limits_and_order_are_those_of_the_robot(exported):
     assert (own["slew"], settings["step_dt"]) == (0.5, 0.02)
 
 
+def test_an_export_that_play_cannot_run_is_not_said_to_be_for_it(tmp_path, capsys):
+    export.command(["go1", "--format", "torchscript", "--output", str(tmp_path / "family.ts")])
+    printed = "".join(capsys.readouterr().out.split())
+    assert printed.endswith("deploy.yaml")
+
+
 def test_two_terms_of_one_function_are_two_observations(monkeypatch):
     def doubled(name: str, *options: Any) -> Any:
         cfg = changed(name, *options)
