@@ -10,18 +10,26 @@ import torch
 from morlax_torch.envs.bridges.mjlab.worlds import build, load
 
 
+class Memory:
+    """An object of a user's own, which holds tensors in a list."""
+
+    def __init__(self, env: Any):
+        self.values = [torch.zeros(env.num_envs, device=env.device)]
+
+
 class Steps:
-    """A reward with a state, as users write it: the control steps of an episode so far."""
+    """A reward with a state, as users write it: the control steps of an episode so far, squared."""
 
     def __init__(self, cfg: Any, env: Any):
-        self._steps = torch.zeros(env.num_envs, device=env.device)
+        self._steps, self._memory = torch.zeros(env.num_envs, device=env.device), Memory(env)
 
     def reset(self, env_ids: torch.Tensor) -> None:
-        self._steps[env_ids] = 0.0
+        self._steps[env_ids] = self._memory.values[0][env_ids] = 0.0
 
     def __call__(self, env: Any) -> torch.Tensor:
         self._steps = self._steps + 1
-        return self._steps
+        self._memory.values[0] += 1
+        return self._steps * self._memory.values[0]
 
 
 def calm(

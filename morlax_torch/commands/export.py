@@ -18,7 +18,7 @@ class Export(OfRun):
     inputs and outputs: task, trade-off, order of observations and joints, control rate. The file is
     read back and compared with the policy. For tasks of mjlab whose
     actions are positions of joints, deploy.yaml and robot.zip are written beside it, for a
-    controller and for morlax play.
+    controller and, with a file of ONNX, for morlax play.
     """
 
     tradeoff: Annotated[str | None, arg(metavar="0.7,0.3")] = None
@@ -69,6 +69,7 @@ def command(arguments: Sequence[str]) -> None:
         lacks = deploy(robot, file, task, policy.objectives, weights, options.slew)
     cli.console.print(f"written: {file} (largest difference from the policy: {largest:.0e})")
     if lacks is not None:
-        cli.console.print(f"written: {file.with_name(SETTINGS)}, for morlax play {file.parent}")
+        use = f", for morlax play {file.parent}" if options.format == "onnx" else ""
+        cli.console.print(f"written: {file.with_name(SETTINGS)}{use}")
     for sentence in lacks or ():
         cli.console.print(sentence)

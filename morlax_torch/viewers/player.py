@@ -69,7 +69,7 @@ class Player:
         """Update `data` from the state of `env.physics`."""
         for name in ("qpos", "qvel", "ctrl", "act"):
             getattr(self.data, name)[:] = getattr(self.env.physics, name)[0].numpy()
-        parts = getattr(self.env.physics, "parts", {})  # mjlab's robots have none
+        parts = self.env.physics.parts
         for name in parts.keys() & {"mocap_pos", "mocap_quat"}:
             getattr(self.data, name)[:] = parts[name][0][0].numpy()
         mujoco.mj_forward(self.model, self.data)

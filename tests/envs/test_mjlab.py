@@ -26,6 +26,7 @@ from morlax_torch.configuration.files import task_values
 from morlax_torch.envs.bridges.mjlab import worlds
 from morlax_torch.envs.bridges.mjlab.mirror import mirror_of
 from morlax_torch.envs.bridges.mjlab.step import MaskedStep
+from morlax_torch.envs.bridges.mjlab.walking import torque_limits
 from morlax_torch.envs.physics import compiling
 from morlax_torch.exports.exporting import export
 from morlax_torch.runs.choosing import choose
@@ -403,6 +404,35 @@ def test_a_step_that_can_be_recorded_equals_mjlab_s(name, generator, monkeypatch
     assert moved == [-1, 0, 1]
 
 
+def test_a_body_that_events_move_is_moved_by_restarts_alone(monkeypatch):
+    entity, managers = import_module("mjlab.entity"), import_module("mjlab.managers")
+    registry = import_module("mjlab.tasks.registry")
+    usual, start = registry.load_env_cfg, import_module("mjlab.envs.mdp").reset_root_state_uniform
+
+    def ball() -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        body = spec.worldbody.add_body(name="ball", mocap=True)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0])
+        return spec
+
+    def with_ball(task: str) -> Any:
+        cfg = usual(task)
+        params = {"pose_range": {"x": (5, 6)}, "asset_cfg": managers.SceneEntityCfg("ball")}
+        event = managers.EventTermCfg(mode="reset", func=start, params=params)
+        cfg.scene.entities["ball"], cfg.events["ball"] = entity.EntityCfg(spec_fn=ball), event
+        return cfg
+
+    monkeypatch.setattr(registry, "load_env_cfg", with_ball)
+    env = envs.make(GO1, 4, "cpu", episode_length=7)
+    places = env.env.sim.data.mocap_pos
+    for _ in range(9):
+        before, step = places.clone(), env.step(noise(env))
+        moved = (places[:] != before).flatten(1).any(1)
+        assert torch.equal(moved, step.terminated | step.truncated)
+    player = Player(load("go1"), (1, 0, 0))
+    assert 5 < player.data.mocap_pos[0, 0] < 6  # a viewer shows it where it is
+
+
 @pytest.mark.parametrize("name", [GO1, ROUGH])
 def test_rollouts_and_evaluations_can_be_recorded(name, monkeypatch):
     check_recordable(tiny(name, backend=None, **FEW), monkeypatch)
@@ -586,6 +616,16 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
         errors += env.measure()[:, 0]
     steps = term.cfg.resampling_time_range[1] / env.env.step_dt  # by which mjlab divides
     torch.testing.assert_close(term.metrics["error_vel_xy"] * steps, errors)
+
+
+def test_torque_is_limited_by_motors_and_by_joints():
+    limits = {"hip": 'actuatorfrcrange="-3 3"', "knee": 'actuatorfrcrange="-3 3"', "toe": ""}
+    joints = "".join(f'<joint name="{name}" {limit}/>' for name, limit in limits.items())
+    body = f'<body>{joints}<geom size="1"/></body>'
+    motors = '<motor joint="hip"/><motor joint="knee" gear="2" forcerange="-1 1"/>'
+    text = f"<mujoco><worldbody>{body}</worldbody><actuator>{motors}</actuator></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text)
+    assert torque_limits(model).tolist() == [3.0, 2.0, np.inf]
 
 
 def test_actors_observe_what_sensors_measure_and_some_of_the_past(generator):

@@ -277,7 +277,7 @@ BAD = {
     "is empty: a motion has at": lambda p: write_csv(p / "bad.csv", squat()[:0]),
     "is neither a CSV nor an npz file": lambda p: Path(__file__),
     "episode-length 39, or less": lambda p: write_motion(p / "bad.npz", squat()[:40], 50),
-    "and .*/other.npz is no file: name its file with": lambda p: p / "other.npz",
+    "and .*/other.npz is no file: name its .* and keep it there": lambda p: p / "other.npz",
     "State-Estimation follows a motion: name its file": lambda p: "",
     "follows a motion, and .* has none: name its file": lambda p: p,
 }

@@ -1,6 +1,7 @@
 """The shipped Go1 and G1, exported from mjlab, walk in C MuJoCo as in mjlab."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,18 @@ def test_a_robot_walks_on_after_the_time_limit():
     np.testing.assert_array_equal(*paths)
 
 
-def test_a_robot_without_the_base_s_velocity_remembers_as_in_training(tmp_path):
+def test_a_robot_without_the_base_s_velocity_remembers_as_in_training(tmp_path, monkeypatch):
+    registry, chosen = import_module("mjlab.tasks.registry"), import_module("mjlab.managers")
+    usual = registry.load_env_cfg
+
+    def some_joints(task: str, play: bool = False) -> Any:
+        cfg, order = usual(task, play), (".*_calf_joint", ".*_hip_joint", ".*_thigh_joint")
+        for name, joints in {"joint_pos": order, "joint_vel": ("F[LR]_.*",)}.items():
+            asset = chosen.SceneEntityCfg("robot", joint_names=joints, preserve_order=True)
+            cfg.observations["actor"].terms[name].params["asset_cfg"] = asset
+        return cfg
+
+    monkeypatch.setattr(registry, "load_env_cfg", some_joints)
     lengths = {"joint_*": 3, "command": 2}
     given = {"task.sensors": "real", "task.history": lengths, "network.symmetric": True}
     config = tiny(GO1, backend=None, **FEW, **given)
@@ -107,6 +119,12 @@ def test_gains_limits_and_order_are_those_of_the_robot(exported):
     assert action["offset"] == settings["default_joint_pos"]
     assert list(settings["observations"])[-2:] == ["last_action", "velocity_commands"]
     assert (own["slew"], settings["step_dt"]) == (0.5, 0.02)
+
+
+def test_an_export_that_play_cannot_run_is_not_said_to_be_for_it(tmp_path, capsys):
+    export.command(["go1", "--format", "torchscript", "--output", str(tmp_path / "family.ts")])
+    printed = "".join(capsys.readouterr().out.split())
+    assert printed.endswith("deploy.yaml")
 
 
 def test_two_terms_of_one_function_are_two_observations(monkeypatch):

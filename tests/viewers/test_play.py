@@ -136,6 +136,18 @@ def test_gains_that_a_user_edits_are_those_of_the_motors(cart):
     assert robot.model.actuator_biasprm[:, 2].tolist() == [-3, -0.5]
 
 
+def test_a_motor_of_torque_moves_its_joint_to_the_target_by_the_gains_of_a_user(cart):
+    servo = 'position name="a" joint="left" kp="9" kv="1"'
+    assert servo in XML
+    text = XML.replace(servo, 'motor name="a" joint="left" ctrlrange="-2 2"')
+    motors = mujoco.MjModel.from_xml_string(text)
+    servos, torques = Robot(cart), Robot(cart._replace(model=motors))
+    for robot in (servos, torques):
+        for _ in range(50):
+            robot.step(np.array([6.0, -0.5]))
+    np.testing.assert_allclose(torques.data.qpos, servos.data.qpos, atol=1e-3)
+
+
 def test_a_trade_off_changes_no_faster_than_its_limit(cart):
     policy = Policy(cart)
     policy.choose([1.0, 0.0], at_once=True)

@@ -18,6 +18,8 @@ from torch import Tensor
 from ...worlds.interface import TimeStep
 from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .motion import KEYS, bounds
+from .step import MOCAP
+from .walking import torque_limits
 from .worlds import MjlabWorlds, from_task
 
 NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ
@@ -65,7 +67,9 @@ class MjlabRobot(MjlabWorlds, Robot):
         data, model = self.env.sim.data, self.env.sim.mj_model
         model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away
         state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
-        self.physics = SimpleNamespace(model=model, **state)
+        moved = MOCAP if model.nmocap else ()
+        parts = {name: [getattr(data, name)[:]] for name in moved}
+        self.physics = SimpleNamespace(model=model, parts=parts, **state)
         self.motion: Any = None  # mjlab's term of the command, if a motion is followed
         self.command_limits, self._velocity = {}, ""  # name of the command of a velocity
         for name, term in self.env.cfg.commands.items():
@@ -141,6 +145,7 @@ class MjlabRobot(MjlabWorlds, Robot):
         ids = torch.cat([term.target_ids for term in terms]).tolist()
         joints = [f"{name}/{joint}" for joint in robot.joint_names]
         motors = [motor(model, joint) for joint in joints]
+        torques = torque_limits(model)[[model.joint(joint).dofadr[0] for joint in joints]]
         commands: dict[str, Any] = {}
         if tuple(self.command_limits) == AXES:
             ranges = {axis: list(limits) for axis, limits in self.command_limits.items()}
@@ -173,7 +178,7 @@ class MjlabRobot(MjlabWorlds, Robot):
             "morlax_torch": {
                 "joints": joints,
                 "joint_limits": [model.joint(joint).range.tolist() for joint in joints],
-                "torque_limits": [row["torque"] for row in motors],
+                "torque_limits": [None if np.isinf(most) else float(most) for most in torques],
                 "default_joint_vel": robot.data.default_joint_vel[0].tolist(),
                 "observation_names": [part.name for part in parts],
                 "observation_units": [part.unit for part in parts],
@@ -224,6 +229,9 @@ class MjlabRobot(MjlabWorlds, Robot):
             clip = clip and [bound / self.options.action_scale for bound in clip]
         named = "sensor_name", "command_name"
         params = {name: value for name, value in cfg.params.items() if name in named}
+        joints = getattr(cfg.params.get("asset_cfg"), "joint_ids", slice(None))
+        if not isinstance(joints, slice):
+            params["asset_cfg"] = {"joint_ids": joints}
         if label == "velocity_commands":
             params["command_name"] = "base_velocity"
         if label.startswith("motion_"):
@@ -233,16 +241,14 @@ class MjlabRobot(MjlabWorlds, Robot):
 
 
 def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
-    """Return gains (N m/rad, N m s/rad) of a joint's position servo, and its largest torque."""
+    """Return gains (N m/rad, N m s/rad) of a joint's position servo."""
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     driven = model.actuator_trnid[:, 0] == model.joint(joint).id
     indices = (of_joint & driven).nonzero()[0]
-    row: dict[str, float | None] = {"stiffness": None, "damping": None, "torque": None}
+    row: dict[str, float | None] = {"stiffness": None, "damping": None}
     if len(indices) != 1:
         return row
     (index,) = indices
-    if model.actuator_forcelimited[index]:
-        row["torque"] = float(model.actuator_forcerange[index, 1])
     gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
     if (
         model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE

@@ -23,6 +23,7 @@ PUSH = "push_by_setting_velocity"
 EVENTS = "reset_root_state_uniform", "reset_joints_by_offset", PUSH, "randomize_terrain"
 LEVELS = "terrain_levels_vel"  # of the curriculum
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
+MOCAP = "mocap_pos", "mocap_quat"  # of models with such bodies, which events move
 
 Groups = dict[str, Tensor]  # of observations, (N, ...) each
 
@@ -32,7 +33,7 @@ class MaskedStep:
 
     def __init__(self, env: Any, groups: tuple[str, ...], restarts: bool = True):
         self.env, self.groups, self.restarts = env, groups, restarts
-        self.slots: list[tuple[dict[Any, Any], Any, Tensor]] = []  # holder, key, tensor
+        self.slots: list[tuple[Any, Any, Tensor]] = []  # holder, key, tensor
         self.everyone = torch.arange(env.num_envs, device=env.device)
         manager = env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
@@ -40,8 +41,8 @@ class MaskedStep:
         for sensor in env.scene.sensors.values():
             if hasattr(sensor, "_extract_yaw_rotation"):  # mjlab's looks for special cases
                 sensor._extract_yaw_rotation = _yaw
-        data = env.sim.data
-        self.physics = [getattr(data, name)[:] for name in STATE]
+        moved = MOCAP if env.sim.mj_model.nmocap else ()
+        self.physics = [getattr(env.sim.data, name)[:] for name in (*STATE, *moved)]
         self._constants = Constants()
 
     def __call__(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
@@ -261,27 +262,33 @@ def _join_streams(sim: Any) -> None:
             array._torch_stream = None
 
 
-def _slots(root: Any) -> Iterator[tuple[dict[Any, Any], Any]]:
-    """Find where mjlab's objects and the terms of a task keep tensors: dictionaries and keys."""
-    seen, waiting, terms = set(), [root], set[int]()
+def _slots(root: Any) -> Iterator[tuple[Any, Any]]:
+    """Find where mjlab's objects and those of a task keep tensors: containers and keys."""
+    seen, waiting, packages = set(), [root], set[str]()
     while waiting:
         thing = waiting.pop()
         if id(thing) in seen:
             continue
         seen.add(id(thing))
-        if isinstance(thing, (list, tuple, set)):
-            waiting += thing
-            continue
-        members = thing if isinstance(thing, dict) else getattr(thing, "__dict__", {})
-        # others may have derived a class from mjlab's, or have written a term
+        listed = isinstance(thing, (list, tuple))
+        holder = thing if listed or isinstance(thing, dict) else getattr(thing, "__dict__", {})
+        # others may have derived a class from mjlab's, or have written a term and what it needs
         modules = [f"{kind.__module__}." for kind in type(thing).__mro__]
         derived = any(module.startswith("mjlab.") for module in modules)
         derived = derived and not modules[0].startswith("mjlab.sim.")
-        ours = isinstance(thing, dict) or derived or id(thing) in terms
-        for key, value in members.items() if ours else ():
+        theirs = _package(thing) in packages - {"mjlab"} and not isinstance(thing, type)
+        if derived:
+            packages.add(_package(thing))
+        if not (holder is thing or derived or theirs):
+            continue
+        for key, value in enumerate(holder) if listed else holder.items():
             if isinstance(value, Tensor):
-                yield members, key
+                yield holder, key
             else:
                 waiting.append(value)
-                if key == "func" and not isinstance(value, type):
-                    terms.add(id(value))
+                if key == "func":
+                    packages.add(_package(value))
+
+
+def _package(thing: Any) -> str:
+    return str(getattr(thing, "__module__", "")).partition(".")[0]

@@ -66,10 +66,13 @@ class Walking(Measures):
 
 
 def torque_limits(model: mujoco.MjModel) -> np.ndarray:
-    """Return the largest torque of the actuators of each degree of freedom; infinite: unlimited."""
+    """Return the largest torque on each degree of freedom by its actuators; infinite: unlimited."""
     limits = np.full(model.nv, np.inf)
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     limited = np.flatnonzero(of_joint & (model.actuator_forcelimited != 0))
     dofs = model.jnt_dofadr[model.actuator_trnid[limited, 0]]
     limits[dofs] = abs(model.actuator_gear[limited, 0]) * model.actuator_forcerange[limited, 1]
+    joints = np.flatnonzero(model.jnt_actfrclimited)  # limits of their own
+    dofs = model.jnt_dofadr[joints]
+    limits[dofs] = np.minimum(limits[dofs], model.jnt_actfrcrange[joints, 1])
     return limits

@@ -344,7 +344,7 @@ def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
         missing = f", and {path} {'has none' if path.is_dir() else 'is no file'}"
         raise MorlaxError(
             f"{name} follows a motion{options.motion_file and missing}: name its file with "
-            "--task.motion-file FILE.npz, or FILE.csv."
+            "--task.motion-file FILE.npz, or FILE.csv, when you train, and keep it there."
         )
     rate = 1 / (cfg.sim.mujoco.timestep * cfg.decimation)
     robot = cfg.scene.entities[command.entity_name].spec_fn

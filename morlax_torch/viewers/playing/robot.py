@@ -34,6 +34,11 @@ PAUSES = 1.0, 3.0  # s between two pushes, as in mjlab's training
 BROKEN = mjtWarning.mjWARN_BADQPOS, mjtWarning.mjWARN_BADQVEL, mjtWarning.mjWARN_BADQACC
 
 
+def _in(*path: str, **constraints: Any) -> Any:
+    """Return a field that lies deeper in deploy.yaml."""
+    return Field(validation_alias=AliasPath(*path), **constraints)
+
+
 class Term(BaseModel):
     """A term of the observation."""
 
@@ -41,11 +46,7 @@ class Term(BaseModel):
     clip: Range | None
     scale: Values
     history_length: int = Field(ge=1)
-
-
-def _in(*path: str, **constraints: Any) -> Any:
-    """Return a field that lies deeper in deploy.yaml."""
-    return Field(validation_alias=AliasPath(*path), **constraints)
+    joint_ids: list[int] | None = _in("params", "asset_cfg", "joint_ids", default=None)
 
 
 AXES = "lin_vel_x", "lin_vel_y", "ang_vel_z"
@@ -104,7 +105,8 @@ class Settings(BaseModel):
             values = getattr(self, name)
             if values is not None and len(values) != count:
                 raise ValueError(f"{name} has {len(values)} entries instead of {count}.")
-        if not set(driven) <= set(joints):
+        observed = [index for term in self.observations.values() for index in term.joint_ids or ()]
+        if not {*driven, *observed} <= set(joints):
             raise ValueError("joint_ids names a joint that does not exist.")
         passive = [self.joints[i] for i in driven if None in (self.stiffness[i], self.damping[i])]
         if passive:
@@ -265,9 +267,13 @@ class Robot:
         model.actuator_gainprm[self._motors, 0] = stiffness
         model.actuator_biasprm[self._motors, 1] = -stiffness
         model.actuator_biasprm[self._motors, 2] = -damping
+        # a motor of the model whose control is its torque becomes a servo with these gains
+        torques = self._motors[model.actuator_biastype[self._motors] == mujoco.mjtBias.mjBIAS_NONE]
+        model.actuator_biastype[torques] = mujoco.mjtBias.mjBIAS_AFFINE
+        model.actuator_ctrllimited[torques] = 0
         self.reset()
         for name, term in self._terms:
-            size = len(self._read(name, term.params))
+            size = len(self._values(name, term))
             if size != len(term.scale):
                 raise MorlaxError(f"{name} has {size} numbers, but its scale {len(term.scale)}.")
 
@@ -296,7 +302,7 @@ class Robot:
         self.command = command
         columns = zip(self._terms, self._noise, self._histories, strict=True)
         for (name, term), noise, history in columns:
-            value = self._read(name, term.params)
+            value = self._values(name, term)
             if noise:
                 value = value + self._rng.uniform(-noise, noise, value.shape)
             if term.clip:
@@ -354,8 +360,13 @@ class Robot:
         """Return the velocity (6,) of the base: in the world, and of its turning in the body."""
         return self.data.qvel[self._speed : self._speed + 6]
 
-    def _read(self, name: str, params: dict) -> Array:
+    def _values(self, name: str, term: Term) -> Array:
         """Return the values of a term before noise, clip and scale."""
+        values = self._read(name, term.params)
+        return values if term.joint_ids is None else values[term.joint_ids]
+
+    def _read(self, name: str, params: dict) -> Array:
+        """Return the values of a term, of all joints."""
         if name not in OBSERVATIONS:
             raise unknown("observation", name, OBSERVATIONS)
         if "sensor_name" not in params:
