@@ -190,6 +190,7 @@ def control(env: Robot) -> dict[str, list[float]] | None:
             expected = (offset + scale * action).clamp(low, high)
             if not torch.allclose(control_of(action), expected, atol=1e-5):
                 return None
+            env.physics.step()  # of a mapping that depends on the state, the next draw finds out
     tensors = {"scale": scale, "offset": offset, "low": low, "high": high}
     return {name: tensor.tolist() for name, tensor in tensors.items()}
 

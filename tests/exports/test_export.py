@@ -144,6 +144,9 @@ def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
     env = envs.make("hopper", 1, "cpu")
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(action.pow(3)))
     assert control(env) is None
+    turned = env.physics.qpos[:, 3:7]  # targets of servos relative to where their joints are
+    monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(turned + 0.1 * action))
+    assert control(env) is None
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(0.5 - 2 * action))
     expected = {"scale": -2.0, "offset": 0.5, "low": -1.5, "high": 2.5}
     assert control(env) == {name: [value] * 4 for name, value in expected.items()}
