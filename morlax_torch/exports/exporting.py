@@ -144,7 +144,8 @@ def provenance(run: AnyPath) -> dict[str, Any]:
 def actuators(env: Robot) -> list[dict[str, Any]]:
     """Return joint, gear and control range of each actuator, in the order of actions.
 
-    Gear and range are None where an action is not the control of one of the model's actuators.
+    Gear and range are None where an action is not the control of one of the model's actuators. The
+    gear is six numbers where it has directions, as at a site or a ball joint.
     """
     targets, model = env.targets(), env.physics.model
     if targets is not None:
@@ -157,7 +158,7 @@ def actuators(env: Robot) -> list[dict[str, Any]]:
         {
             "name": motor.name,
             "joint": model.joint(motor.trnid[0]).name if motor.trntype[0] == joint else None,
-            "gear": float(motor.gear[0]),
+            "gear": motor.gear.tolist() if motor.gear[1:].any() else float(motor.gear[0]),
             "control_range": motor.ctrlrange.tolist() if motor.ctrllimited[0] else None,
         }
         for motor in map(model.actuator, range(model.nu))

@@ -152,6 +152,18 @@ def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
     assert control(env) == {name: [value] * 4 for name, value in expected.items()}
 
 
+def test_a_gear_with_directions_has_all_its_numbers():
+    xml = """<mujoco><worldbody><body><joint type="ball" name="neck"/><geom size=".1"/>
+      <site name="rotor"/></body></worldbody><actuator><motor joint="neck" gear="0 5 0"/>
+      <motor site="rotor" gear="0 0 1 0 0 .02"/><motor joint="neck" gear="3"/></actuator>
+      </mujoco>"""
+    env = envs.make("hopper", 1, "cpu")
+    env.action_size, env.physics.model = 3, mujoco.MjModel.from_xml_string(xml)
+    described = actuators(env)
+    assert [each["gear"] for each in described] == [[0, 5, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0.02], 3]
+    assert [each["joint"] for each in described] == ["neck", None, "neck"]
+
+
 OWN = nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8))
 CONDITIONED = {"network.type": "conditioned"}
 
