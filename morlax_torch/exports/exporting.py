@@ -151,7 +151,8 @@ def actuators(env: Robot) -> list[dict[str, Any]]:
     if targets is not None:
         rest = {"gear": None, "control_range": None}
         return [{"name": name, "joint": name, **rest} for name in targets]
-    if env.action_size != model.nu:  # as BRUCE's, where an actuator has no action of its own
+    # BRUCE's actuators have no actions of their own, and others may have several controls
+    if not env.action_size == model.nu == len(model.actuator_trntype):
         return []
     joint = mujoco.mjtTrn.mjTRN_JOINT
     return [

@@ -162,6 +162,10 @@ def test_a_gear_with_directions_has_all_its_numbers():
     described = actuators(env)
     assert [each["gear"] for each in described] == [[0, 5, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0.02], 3]
     assert [each["joint"] for each in described] == ["neck", None, "neck"]
+    if hasattr(env.physics.model, "nactuator"):  # MuJoCo 4: an actuator may have several controls
+        turning = xml.replace('<motor joint="neck" gear="3"/>', '<orientation joint="neck"/>')
+        env.action_size, env.physics.model = 5, mujoco.MjModel.from_xml_string(turning)
+        assert actuators(env) == []
 
 
 OWN = nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8))
