@@ -59,13 +59,17 @@ class Tumbler(Environment):
 
 
 class Carried(Tumbler):
-    """The task moves a mocap body, and lifts the trunk."""
+    """The task moves a mocap body, from a place that it draws, and lifts the trunk."""
 
     @classmethod
     def load_spec(cls):
         spec = super().load_spec()
         spec.worldbody.add_body(name="hand", mocap=True)
         return spec
+
+    def begin(self, fresh):
+        place = self.physics.part("mocap_pos")[:, 0, 0]
+        place.copy_(torch.where(fresh, self.draws.uniform_(torch.empty_like(place), 0, 1), place))
 
     def apply(self, action):
         super().apply(action)

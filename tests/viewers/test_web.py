@@ -17,7 +17,7 @@ from morlax_torch.envs.registry import get
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.web.tracing import ARRAYS, PagePhysics, trace
-from morlax_torch.viewers.web.writing import build, compiled, start
+from morlax_torch.viewers.web.writing import build, compiled, described, start
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 InferenceSession = pytest.importorskip("onnxruntime").InferenceSession
@@ -59,6 +59,9 @@ def test_a_page_moves_mocap_bodies_and_applies_forces_as_the_task_does(robots):
     for name in ("xfrc_applied", "mocap_pos"):  # which the page writes into mjData
         np.testing.assert_allclose(run[name], env.physics.part(ARRAYS[name]).numpy().ravel())
     assert run["xfrc_applied"][8] == 105 and run["mocap_pos"][2] > 0
+    _, model = compiled(type(env), env.options)
+    starts = described(env, traced, model)["starts"]
+    assert len({start["mocap_pos"][0] for start in starts}) == 16  # an episode draws its goal
 
 
 @pytest.mark.slow
