@@ -58,6 +58,31 @@ class Tumbler(Environment):
         return self.physics.qpos[:, 2] < -1
 
 
+class Carried(Tumbler):
+    """The task moves a mocap body, from a place that it draws, and lifts the trunk."""
+
+    @classmethod
+    def load_spec(cls):
+        spec = super().load_spec()
+        spec.worldbody.add_body(name="hand", mocap=True)
+        return spec
+
+    def begin(self, fresh):
+        place = self.physics.part("mocap_pos")[:, 0, 0]
+        place.copy_(torch.where(fresh, self.draws.uniform_(torch.empty_like(place), 0, 1), place))
+
+    def apply(self, action):
+        super().apply(action)
+        self.physics.part("xfrc_applied")[:, 1, 2] = 100 + 10 * action[:, 0]
+
+    def advance(self):
+        self.physics.part("mocap_pos")[:, 0, 2] += 0.01
+
+    def terms(self):
+        height = self.physics.part("mocap_pos")[:, 0, 2]
+        return {**super().terms(), "near": 1 - (height - self.physics.qpos[:, 2]).abs()}
+
+
 class Counting(Tumbler):
     """Its state is a number of Python, which no graph contains."""
 

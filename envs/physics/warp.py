@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import partial
+from operator import attrgetter
 
 import mujoco
 import mujoco_warp as mjw
@@ -14,7 +15,7 @@ from torch import Tensor
 from ..errors import MorlaxError, line
 from . import compiling
 from .interface import Fields, Physics, explained
-from .mujoco import MODEL_FIELDS, cannot_vary, varying
+from .mujoco import cannot_vary, varying
 
 wp.config.log_level = wp.LOG_WARNING  # Warp reports every kernel it loads
 
@@ -126,10 +127,13 @@ class WarpPhysics(Physics):
 
     def keep(self, models: list[mujoco.MjModel]) -> None:
         self._kept = []
-        for name in (field.name for field in _FIELDS if field.name in MODEL_FIELDS):
-            values = np.stack([getattr(model, name) for model in models])
+        names = [field.name for field in _FIELDS if hasattr(self.model, field.name)]  # sizes first
+        names += [f"opt.{name}" for name in dir(self.model.opt) if name[0] != "_"]
+        for name in names:
+            value = attrgetter(name)
+            values = np.stack([value(model) for model in models])
             # nothing may sleep, so dof_length is unused
-            if name == "dof_length" or (values == getattr(self.model, name)).all():
+            if name in ("opt", "dof_length") or (values == value(self.model)).all():
                 continue
             if name not in _VARIABLE:
                 raise MorlaxError(

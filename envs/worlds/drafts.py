@@ -24,6 +24,11 @@ class Draft:
         if not model.nu:
             motor = '<actuator><motor joint="hip" ctrlrange="-20 20"/></actuator>'
             raise MorlaxError(f"{path} has no actuators: add them for its joints, such as {motor}.")
+        if model.nu != len(model.actuator_trntype):
+            raise MorlaxError(
+                f"{path} has actuators with several controls, such as <orientation>: write its "
+                "task yourself (docs/your-own-robot.md), or give each actuator one control."
+            )
         keys = [model.key(number).name for number in range(model.nkey)]
         self.key = next((key for key in ("home", "stand", *keys) if key and key in keys), None)
         self.data = mujoco.MjData(model)

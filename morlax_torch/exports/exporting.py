@@ -144,20 +144,22 @@ def provenance(run: AnyPath) -> dict[str, Any]:
 def actuators(env: Robot) -> list[dict[str, Any]]:
     """Return joint, gear and control range of each actuator, in the order of actions.
 
-    Gear and range are None where an action is not the control of one of the model's actuators.
+    Gear and range are None where an action is not the control of one of the model's actuators. The
+    gear is six numbers where it has directions, as at a site or a ball joint.
     """
     targets, model = env.targets(), env.physics.model
     if targets is not None:
         rest = {"gear": None, "control_range": None}
         return [{"name": name, "joint": name, **rest} for name in targets]
-    if env.action_size != model.nu:  # as BRUCE's, where an actuator has no action of its own
+    # BRUCE's actuators have no actions of their own, and others may have several controls
+    if not env.action_size == model.nu == len(model.actuator_trntype):
         return []
     joint = mujoco.mjtTrn.mjTRN_JOINT
     return [
         {
             "name": motor.name,
             "joint": model.joint(motor.trnid[0]).name if motor.trntype[0] == joint else None,
-            "gear": float(motor.gear[0]),
+            "gear": motor.gear.tolist() if motor.gear[1:].any() else float(motor.gear[0]),
             "control_range": motor.ctrlrange.tolist() if motor.ctrllimited[0] else None,
         }
         for motor in map(model.actuator, range(model.nu))
@@ -190,6 +192,7 @@ def control(env: Robot) -> dict[str, list[float]] | None:
             expected = (offset + scale * action).clamp(low, high)
             if not torch.allclose(control_of(action), expected, atol=1e-5):
                 return None
+            env.physics.step()  # of a mapping that depends on the state, the next draw finds out
     tensors = {"scale": scale, "offset": offset, "low": low, "high": high}
     return {name: tensor.tolist() for name, tensor in tensors.items()}
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import pytest
 import torch
 from tiny import TYPED
@@ -133,10 +134,15 @@ def test_a_planar_walker_with_tendons_runs_and_controls_of_speed_hold_no_pose(fo
     assert (robot.physics.ctrl == 0).all()
 
 
+PID = '<pid joint="hip" input="pos vel" kp="9" kv="1"/>'
+MUJOCO_4 = pytest.mark.skipif(not hasattr(mujoco.MjModel, "nactuator"), reason="needs MuJoCo 4")
+
+
 @pytest.mark.parametrize(
     ("part", "text", "words"),
     [
         ("actuator", "", "has no actuators: add them for its joints, .*<motor"),
+        pytest.param("actuator", PID, "has actuators with several controls", marks=MUJOCO_4),
         ("floor", "", "has no floor: name a scene that has one, or add <geom"),
         ("name", "", "body 1 of odd.xml is rewarded: name it"),
         ("root", "<freejoint", "MuJoCo cannot load odd.xml: .*[Ll]ine"),

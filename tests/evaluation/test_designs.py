@@ -1,6 +1,7 @@
 """Bodies that differ: each world's is that of its design, and one family of policies knows all."""
 
 import re
+from operator import attrgetter
 from pathlib import Path
 from queue import Queue
 from typing import Any
@@ -22,6 +23,7 @@ from morlax_torch import MorlaxError, envs
 from morlax_torch.commands import design as searching
 from morlax_torch.commands import record
 from morlax_torch.envs.physics.mujoco import MODEL_FIELDS
+from morlax_torch.envs.physics.warp import WarpPhysics
 from morlax_torch.envs.robots.designed import DesignedHopper
 from morlax_torch.envs.worlds import design_space
 from morlax_torch.envs.worlds.design_space import DesignParameter, DesignSpace, compile_bank
@@ -151,12 +153,21 @@ def test_a_wrong_design_is_one_sentence(design, sentence):
     design_space.compiled(hopper, {"thigh": np.float32(0.3), "calf": torch.tensor(0.3)})
 
 
-def test_what_warp_shares_between_worlds_is_named():
-    env = envs.make("design/hopper", 1, "cpu", "warp")
-    bank = bank_of(env, 2)
-    bank.models[1].geom_condim[1] = 1
-    with pytest.raises(MorlaxError, match="MuJoCo Warp cannot vary 'geom_condim' between worlds"):
-        env.adopt(bank)
+@pytest.mark.parametrize("field", ["geom_condim", "mesh_vert", "opt.gravity", "opt.density"])
+def test_what_warp_shares_between_worlds_is_named(field):
+    cube = "-1 -1 -1 1 -1 -1 -1 1 -1 1 1 -1 -1 -1 1 1 -1 1 -1 1 1 1 1 1"
+    xml = f"""<mujoco><asset><mesh name="cube" vertex="{cube}" scale=".1 .1 .1"/></asset>
+      <worldbody><body><freejoint/><geom type="mesh" mesh="cube"/></body></worldbody></mujoco>"""
+    models = [mujoco.MjModel.from_xml_string(xml) for _ in range(3)]
+    values = attrgetter(field)
+    if field == "opt.density":
+        models[2].opt.density = 1000
+    else:
+        values(models[2])[0] += 1
+    physics = WarpPhysics(models[0], 2, torch.device("cpu"), 1, nconmax=1, njmax=1)
+    physics.keep([models[1], models[0]])  # alike
+    with pytest.raises(MorlaxError, match=f"MuJoCo Warp cannot vary '{field}' between worlds"):
+        physics.keep(models)
 
 
 def test_bodies_and_randomized_models_exclude_each_other():

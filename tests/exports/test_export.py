@@ -144,9 +144,28 @@ def test_control_that_is_not_clipped_linear_is_omitted(monkeypatch):
     env = envs.make("hopper", 1, "cpu")
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(action.pow(3)))
     assert control(env) is None
+    turned = env.physics.qpos[:, 3:7]  # targets of servos relative to where their joints are
+    monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(turned + 0.1 * action))
+    assert control(env) is None
     monkeypatch.setattr(env, "apply", lambda action: env.physics.ctrl.copy_(0.5 - 2 * action))
     expected = {"scale": -2.0, "offset": 0.5, "low": -1.5, "high": 2.5}
     assert control(env) == {name: [value] * 4 for name, value in expected.items()}
+
+
+def test_a_gear_with_directions_has_all_its_numbers():
+    xml = """<mujoco><worldbody><body><joint type="ball" name="neck"/><geom size=".1"/>
+      <site name="rotor"/></body></worldbody><actuator><motor joint="neck" gear="0 5 0"/>
+      <motor site="rotor" gear="0 0 1 0 0 .02"/><motor joint="neck" gear="3"/></actuator>
+      </mujoco>"""
+    env = envs.make("hopper", 1, "cpu")
+    env.action_size, env.physics.model = 3, mujoco.MjModel.from_xml_string(xml)
+    described = actuators(env)
+    assert [each["gear"] for each in described] == [[0, 5, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0.02], 3]
+    assert [each["joint"] for each in described] == ["neck", None, "neck"]
+    if hasattr(env.physics.model, "nactuator"):  # MuJoCo 4: an actuator may have several controls
+        turning = xml.replace('<motor joint="neck" gear="3"/>', '<orientation joint="neck"/>')
+        env.action_size, env.physics.model = 5, mujoco.MjModel.from_xml_string(turning)
+        assert actuators(env) == []
 
 
 OWN = nn.Sequential(nn.Linear(13, 16), nn.LayerNorm(16), nn.ELU(), nn.Linear(16, 8))

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import torch
 import web_robots
 
 from morlax_torch import MorlaxError, envs
@@ -15,10 +16,11 @@ from morlax_torch.envs import Environment
 from morlax_torch.envs.registry import get
 from morlax_torch.viewers import libraries
 from morlax_torch.viewers.player import Player
-from morlax_torch.viewers.web.tracing import PagePhysics, trace
-from morlax_torch.viewers.web.writing import build, compiled, start
+from morlax_torch.viewers.web.tracing import ARRAYS, PagePhysics, trace
+from morlax_torch.viewers.web.writing import build, compiled, described, start
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
+InferenceSession = pytest.importorskip("onnxruntime").InferenceSession
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid", "Tumbler")]
 LONG = pytest.param("bruce", marks=[pytest.mark.slow, pytest.mark.long])
 
@@ -33,7 +35,7 @@ def world(name: str, **options) -> Environment:
 @pytest.fixture
 def robots(tmp_path: Path) -> str:
     file = web_robots.write(tmp_path / "robots")
-    for name in ("Tumbler", "Counting", "Deciding", "Shuffled"):
+    for name in ("Tumbler", "Carried", "Counting", "Deciding", "Shuffled"):
         envs.trust(f"{file}:{name}")
     return file
 
@@ -43,6 +45,23 @@ def test_graphs_step_like_the_task(name, robots):
     traced = trace(world(f"{robots}:{name}" if name == "Tumbler" else name))
     if name == "Tumbler":
         assert traced.terms == ("vx", "energy")
+
+
+def test_a_page_moves_mocap_bodies_and_applies_forces_as_the_task_does(robots):
+    env = world(f"{robots}:Carried")
+    traced = trace(env)
+    run = {"action": np.float32([0.5])} | {k: x.numpy().copy() for k, x in traced.state.items()}
+    env.step(torch.tensor([[0.5]]))
+    for graph in (traced.before, traced.after):
+        inputs = {name: run[name] for name in graph.inputs}
+        results = InferenceSession(graph.onnx).run(None, inputs)
+        run.update(zip(graph.outputs, results, strict=True))
+    for name in ("xfrc_applied", "mocap_pos"):  # which the page writes into mjData
+        np.testing.assert_allclose(run[name], env.physics.part(ARRAYS[name]).numpy().ravel())
+    assert run["xfrc_applied"][8] == 105 and run["mocap_pos"][2] > 0
+    _, model = compiled(type(env), env.options)
+    starts = described(env, traced, model)["starts"]
+    assert len({start["mocap_pos"][0] for start in starts}) == 16  # an episode draws its goal
 
 
 @pytest.mark.slow

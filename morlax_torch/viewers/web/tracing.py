@@ -23,6 +23,9 @@ from ...host.phases import phase
 # of `Physics`, and their names in mjData
 ARRAYS = {"qpos": "qpos", "qvel": "qvel", "act": "act", "ctrl": "ctrl"}
 ARRAYS |= {"warmstart": "qacc_warmstart", "sensors": "sensordata"}
+# what else of the physics a task may write
+PARTS = "mocap_pos", "mocap_quat", "qfrc_applied", "xfrc_applied", "eq_active"
+ARRAYS |= {name: name for name in PARTS}
 RESULTS = ("observation", "reward", "terminated", "truncated")  # of a `TimeStep`
 STEPS, EPISODES = 60, 3  # of the check
 TOLERANCE = 1e-4  # absolute plus relative
@@ -201,22 +204,26 @@ class PagePhysics(MujocoPhysics):
 
     def __init__(self, model: mujoco.MjModel, substeps: int):
         super().__init__(model, 1, substeps)
-        self._exact = {name: getattr(self, name).numpy() for name in ARRAYS if name != "sensors"}
+        self._exact = {name: x.numpy() for name, x in self.arrays.items() if name != "sensors"}
+        rounded = {name: x.to(torch.float32) for name, x in self.arrays.items()}
+        for name in rounded.keys() & PARTS:
+            self.parts[name] = rounded.pop(name), self.parts[name][1].to(torch.float32)
         # around `__setattr__`, which refuses other tensors than the simulator's own
-        vars(self).update((name, x.to(torch.float32)) for name, x in self.arrays.items())
+        vars(self).update(rounded)
 
     @property
     def arrays(self) -> dict[str, Tensor]:
         """All tensors (1, ...), by name."""
-        return {name: getattr(self, name) for name in ARRAYS}
+        parts = {name: self.part(name) for name in PARTS if name in self.parts}
+        return {name: getattr(self, name) for name in ARRAYS if name not in PARTS} | parts
 
     def step(self) -> None:
         # by NumPy, because a recorder must not see it
         for name, exact in self._exact.items():
-            exact[:] = getattr(self, name).numpy()
+            exact[:] = self.arrays[name].numpy()
         super().step()
         for name, exact in self._exact.items():
-            getattr(self, name).numpy()[:] = exact
+            self.arrays[name].numpy()[:] = exact
 
 
 class OnnxGraph(NamedTuple):
@@ -336,7 +343,7 @@ def _check(env: Environment, traced: Traced) -> None:
         run(traced.before, watch.draws, {})
         watch.draws.clear()
         simulate()
-        copy(ARRAYS)
+        copy(env.physics.arrays)
 
     for episode in range(EPISODES):
         env.reset()
