@@ -133,7 +133,7 @@ def test_worlds_that_are_not_finite_terminate_and_earn_nothing():
 
 @pytest.mark.filterwarnings("ignore:MULTICCD")
 @pytest.mark.parametrize("name", [GO1, ROUGH, CARTPOLE])
-def test_a_gpu_compiles_all_of_a_step_s_physics_ahead(name):
+def test_the_physics_of_a_step_is_compiled_ahead(name):
     ahead: dict = {}
     with compiling._no_launches(ahead):
         worlds.step_physics(worlds.load(name), "cpu")

@@ -228,26 +228,21 @@ class SharedDraws(TorchDispatchMode):
 
 
 def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
-    """Return mjlab's environment of a new config, with its kernels compiled in parallel."""
+    """Return mjlab's environment of a new config, with most kernels compiled in parallel."""
     # tables of all terms; contacts with uneven ground that have only one point
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(action="ignore"):
         if name not in _rehearsed:
             _rehearsed.add(name)
-            # on a GPU, torch could stop the process at an index that no kernel has written
-            rehearse = _step_environment if device.type == "cpu" else step_physics
-            compiling.start(partial(rehearse, config(), str(device)))
+            compiling.start(partial(step_physics, config(), str(device)))
             compiling.finish()
         return import_module("mjlab.envs").ManagerBasedRlEnv(config(), device=str(device))
 
 
-def _step_environment(config: Any, device: str) -> None:
-    env = import_module("mjlab.envs").ManagerBasedRlEnv(config, device=device)
-    env.reset()
-    env.step(torch.zeros(env.num_envs, env.action_manager.total_action_dim))
-
-
 def step_physics(config: Any, device: str) -> None:
-    """Step and reset one world, as mjlab's `Simulation` does, without anything of torch."""
+    """Step and reset one world, as mjlab's `Simulation` does, without anything of torch.
+
+    On a GPU, torch could stop the process at an index that no kernel has written.
+    """
     import mujoco_warp as mjw
     import warp as wp
 
