@@ -1,6 +1,7 @@
 """All commands under one name: `morlax train ...` or `python -m morlax_torch train ...`."""
 
 import importlib
+import sys
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -64,6 +65,7 @@ def command(arguments: Sequence[str]) -> None:
 
 
 def main() -> None:
+    sys.path.append("")  # modules in this folder, which a script's path lacks
     cli.run(command)
 
 

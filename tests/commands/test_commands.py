@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from programs import python
 from tiny import TYPED
 
 from morlax_torch import load, save
@@ -214,3 +215,11 @@ def test_an_internal_error_is_not_hidden():
 
     with pytest.raises(RuntimeError, match="illegal"):
         cli.run(wrong)
+
+
+def test_the_script_finds_a_module_in_the_current_folder(tmp_path):
+    (tmp_path / "mine.py").write_text("raise RuntimeError('mine was imported')")
+    script = "from morlax_torch.__main__ import main; main()"
+    words = "train", "--env", "gymnasium:mine:Task-v0", "--trust"
+    done = python("-P", "-c", script, *words, cwd=tmp_path)  # without this folder, as `morlax`
+    assert done.returncode == 2 and "mine was imported" in done.stderr
