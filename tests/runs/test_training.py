@@ -233,6 +233,17 @@ def test_a_pruned_run_ends_cleanly_and_can_be_resumed(tmp_path):
     assert [row["env_steps"] for row in rows_of(resumed)] == ["0", "160", "320"]
 
 
+@pytest.mark.parametrize(
+    ("number", "kind"), [(signal.SIGTERM, SystemExit), (signal.SIGINT, KeyboardInterrupt)]
+)
+def test_a_signal_ends_a_command_also_where_a_library_replaces_its_exception(number, kind):
+    with pytest.raises(kind), exiting_on_signals():
+        try:
+            signal.raise_signal(number)
+        except BaseException as error:
+            raise RuntimeError("in TorchScript") from error
+
+
 def test_nohup_protects_a_run_from_its_terminal():
     usual = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     try:

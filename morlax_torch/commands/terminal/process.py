@@ -90,14 +90,20 @@ def interruptible() -> Iterator[list[int]]:
 @contextmanager
 def exiting_on_signals() -> Iterator[None]:
     """Raise an exception for each of SIGNALS, so that `finally` removes temporary files."""
+    endings: list[BaseException] = []
 
     def receive(number: int, frame: Any) -> None:
-        if number == signal.SIGINT:
-            raise KeyboardInterrupt
-        sys.exit(128 + number)
+        ending = KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
+        endings.append(ending)
+        raise ending
 
     with _handling(receive):
-        yield
+        try:
+            yield
+        except Exception:  # what TorchScript makes of an exception that is raised within it
+            if endings:
+                raise endings[-1] from None
+            raise
 
 
 @contextmanager
