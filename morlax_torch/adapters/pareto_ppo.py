@@ -189,20 +189,26 @@ class ParetoPPO(PPO):
         target, groups = self.actor.family.target, self.actor.obs_groups
         if options.task is None or not isinstance(target, GaussianMLP) or len(groups) > 1:
             return None
-        if "action_scale" not in envs.get(options.task).Options.model_fields:
+        fields = envs.get(options.task).Options.model_fields
+        if "action_scale" not in fields:
             raise MorlaxError(
                 f"morlax cannot open policies of rsl_rl in {options.task}, which has no "
                 "action_scale: leave out the option task, or name mjlab:TASK or FILE.py:CLASS."
             )
         *layers, _ = target.mlp.children()
         hidden = [layer.out_features for layer in layers if isinstance(layer, nn.Linear)]
-        task = {
+        task: dict[str, Any] = {
             "objectives": rewards.objectives,
             "guide": rewards.guide,
             "reference_point": options.reference_point,
             "action_scale": self._cfg.get("clip_actions") or ACTION_SCALE,
             "episode_length": int(self._env.max_episode_length),
         }
+        manager = self._env.unwrapped.command_manager if "motion_file" in fields else None
+        for term in map(manager.get_term, manager.active_terms) if manager else ():
+            if file := getattr(term.cfg, "motion_file", ""):  # mjlab adds no stand at its end
+                longest = min(task["episode_length"], term.motion.time_step_total - 1)
+                task |= {"motion_file": file, "motion_stand": 0.0, "episode_length": longest}
         return load_config(
             {
                 "env": options.task,

@@ -8,6 +8,7 @@ from typing import Any
 import onnxruntime
 import pytest
 import torch
+from motions import write_squat
 
 from morlax_torch import load
 from morlax_torch.__main__ import command
@@ -105,6 +106,16 @@ def test_a_checkpoint_of_mjlab_is_explored_exported_and_played(run, tmp_path, ca
     command(["export", str(run), "--output", str(tmp_path / "family.onnx")])
     command(["play", str(tmp_path), "--episodes", "1", "--seconds", "1"])  # in C MuJoCo
     assert "cost of transport" in capsys.readouterr().out
+
+
+def test_a_checkpoint_of_a_tracking_twin_follows_its_motion(monkeypatch, tmp_path):
+    motion = {"--env.commands.motion.motion-file": write_squat(tmp_path / "squat.npz")}
+    twin = "Pareto-Tracking-Flat-Unitree-G1"
+    run = run_train(monkeypatch, twin, tmp_path / "logs", **PARETO, **motion)
+    policy = load(run)
+    assert policy.config.task.episode_length == 99  # the motion has 100 frames, as in mjlab
+    robot = Session(policy, None).player
+    assert robot.ghost is not None and robot.env.episode_length == 99
 
 
 def test_one_flag_and_a_file_train_a_front_in_a_task_of_mjlab(monkeypatch, tmp_path):
