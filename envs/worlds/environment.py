@@ -197,6 +197,7 @@ class Environment(Robot):
     def vary_model(self, seed: int) -> Fields:
         """Draw the model fields (N, ...) that differ between worlds, by name, once for all.
 
+        By default, these are the NumPy arrays that `task.randomization` asks for.
         Worlds that share draws need only the first `draws.number` rows.
         """
         options, model = self.options.randomization, self.physics.model
@@ -231,7 +232,12 @@ class Environment(Robot):
         self._vary()
 
     def _vary(self) -> None:
-        drawn = self.vary_model(self._seed)
+        drawn, options = self.vary_model(self._seed), self.options.randomization
+        if lost := randomization.draw(self.physics.model, options, 1, 0).keys() - drawn:
+            raise MorlaxError(
+                f"{type(self).__name__}.vary_model() leaves out {', '.join(sorted(lost))}, which "
+                "task.randomization changes: return them too, from super().vary_model(seed)."
+            )
         drawn = {name: self.draws.of_worlds(values) for name, values in drawn.items()}
         self._model = {name: torch.from_numpy(values) for name, values in drawn.items()}
         if drawn:

@@ -379,6 +379,8 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
     motion = check(physics.model, tolerance)
     if worlds.action_size != len(motion.motors.order):
         raise _cannot("an action of it is not the control of one motor")
+    if worlds.command_limits:  # a command that stays the same would not show its signs
+        raise _cannot("it follows a command")
 
     def draw(*shape: int) -> Tensor:
         return 2 * torch.rand(*shape, generator=generator, dtype=torch.float32) - 1

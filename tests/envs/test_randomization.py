@@ -266,3 +266,19 @@ def test_worlds_without_mujoco_batch_are_simulated_alike(monkeypatch):
         found.append((step.final_observation, step.reward, env.physics.warmstart.clone()))
     for one, other in zip(*found, strict=True):
         torch.testing.assert_close(one, other, rtol=EXACT, atol=EXACT)
+
+
+def test_a_task_that_varies_its_model_itself_keeps_what_the_options_randomize():
+    class Shifted(envs.get("hopper")):
+        def vary_model(self, seed: int) -> dict[str, np.ndarray]:
+            added = super().vary_model(seed) if self.adds else {}
+            shift = np.random.default_rng(seed).uniform(0, 0.05, (self.num_worlds, 1, 1))
+            return {**added, "body_ipos": self.physics.model.body_ipos + shift}
+
+    envs.registry._REGISTRY["shifted"] = Shifted
+    Shifted.adds = True
+    model = make("shifted", "mujoco", {"friction": (0.3, 1.5)}).state_dict()
+    assert {"model.geom_friction", "model.body_ipos"} <= model.keys()
+    Shifted.adds = False
+    with pytest.raises(MorlaxError, match="leaves out geom_friction"):
+        make("shifted", "mujoco", {"friction": (0.3, 1.5)})

@@ -280,6 +280,18 @@ def test_tasks_that_see_or_reward_one_side_more_are_refused():
         mirror_of(observe=lambda env: Biped.observe(env) * scales)
 
 
+def test_a_task_with_a_command_is_refused_also_where_the_command_changes_late():
+    def state(env: Biped) -> dict[str, torch.Tensor]:
+        return {"command": torch.zeros(env.num_worlds, 1, dtype=torch.float64)}
+
+    def observe(env: Biped) -> torch.Tensor:
+        return torch.cat([Biped.observe(env), env.command], -1)
+
+    limits = {"m/s to the left": (-1.0, 1.0)}
+    with pytest.raises(MorlaxError, match="it follows a command: set "):
+        mirror_of(initial_state=state, observe=observe, command_limits=limits)
+
+
 NETWORKS = {name: task_values(name, "cuda").get("network", {}) for name in envs.names()}
 SYMMETRIC = [name for name, network in NETWORKS.items() if network.get("symmetric")]
 
