@@ -20,7 +20,7 @@ import compare_report
 from row_files import Row, markdown, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (*(ROOT / "docs" / name for name in ("results.md", "mjlab.md")), ROOT / "README.md")
+PAGES = [ROOT / page for page in ("README.md", "docs/results.md", "docs/mjlab.md")]
 RESULTS = ROOT / "benchmarks" / "results"
 MARK = re.compile(r"^(<!-- table: (\w+) -->\n\n)((?:\|.*\n)+)", re.MULTILINE)
 
@@ -263,15 +263,15 @@ def mjlab() -> str:
     lines[4] = [name, *map(", ".join, zip(lines[4][1:], plain[1:], strict=True))]
     real = read("mjlab-go1-real-h200.csv")
     peer = "mjlab's Go1, real sensors, 16,384 worlds, default weights, 330 s, H200, {}"
-    for place, run, policy, words in (
+    for index, run, policy, words in (
         (2, "real", "best tracking", "Go1, real sensors, {}, tracks best"),
         (3, "real", "least power", "Go1, real sensors, {}, least power"),
         (8, theirs, "", peer),
     ):
         chosen = [row for row in real if row["run"].startswith(run) and row["policy"] == policy]
         seeds = ", ".join(row["run"].rsplit(" ", 1)[1] for row in chosen)
-        name = f"seed{'s' if len(chosen) > 1 else ''} {seeds}"
-        lines.insert(place, walk(words.format(name), chosen))
+        named = words.format(f"seed{'s' if len(chosen) > 1 else ''} {seeds}")
+        lines.insert(index, walk(named, chosen))
     head = ["", "error of the velocity, m/s", "speed, share of the commanded", "power, W"]
     return markdown(head, lines)
 

@@ -147,6 +147,12 @@ def test_motions_of_a_folder_are_followed_each_to_its_end(clips):
     assert (frames + 50 < ends + 1).all() and len(ends.unique()) == 2
 
 
+def test_the_current_folder_is_followed_only_if_it_is_named(clips, monkeypatch):
+    monkeypatch.chdir(clips)
+    with pytest.raises(MorlaxError, match="follows a motion: name its file"):
+        make("")
+
+
 def pair(motion: Path, device: str) -> tuple[Any, Any]:
     """Return two environments of mjlab that push robots alike; one episode and one motion end."""
 

@@ -80,10 +80,10 @@ class Motion:
     def __init__(self, term: Any, masked: Masked):
         self._term, self._masked = term, masked
         self._everyone = torch.arange(term.num_envs, device=term.device)
-        # whether the motion before a frame is over
-        starts = bounds(term.cfg.motion_file)
-        self._begins = torch.zeros(starts[-1] + 1, dtype=torch.bool, device=term.device)
-        self._begins[starts[1:]] = True
+        frames = bounds(term.cfg.motion_file)
+        # whether a motion ends before a frame
+        self._borders = torch.zeros(frames[-1] + 1, dtype=torch.bool, device=term.device)
+        self._borders[frames[1:]] = True
         term._adaptive_sampling = self._draw_frames  # mjlab's counts failures there, too
 
     @staticmethod
@@ -99,10 +99,10 @@ class Motion:
         last_counts = term._current_bin_failed
         last_counts.copy_(torch.where(failed.any(), counts, last_counts))
         term.time_steps += 1
-        ended = self._begins[term.time_steps] & ~over
+        ended = self._borders[term.time_steps] & ~over
         self._masked(over | ended, partial(term._resample_command, self._everyone))
         # mjlab moves on after drawing
-        term.time_steps.add_(over & ~self._begins[term.time_steps + 1])
+        term.time_steps.add_(over & ~self._borders[term.time_steps + 1])
         term._pending_forward = False  # the step computes positions of bodies anyway
 
     def go_on(self) -> None:

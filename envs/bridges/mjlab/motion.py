@@ -40,9 +40,10 @@ def prepared(
     return file, len(qpos)
 
 
-def files(path: Path) -> list[Path]:
-    """Return a file, or the motions of a folder, by name."""
-    if not path.is_dir():
+def files(name: str) -> list[Path]:
+    """Return a file, or the motions of a folder in the order of their names; none of no name."""
+    path = Path(name)
+    if not name or not path.is_dir():
         return [path] if path.is_file() else []
     return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
 

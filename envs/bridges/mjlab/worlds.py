@@ -111,7 +111,7 @@ class MjlabWorlds(ForeignWorlds):
     def _open(self, seed: int) -> None:
         cfg = changed(self.name, self.options, self.num_worlds, seed)
         masked = supported(cfg)
-        if not masked and len(files(Path(self.options.motion_file))) > 1:
+        if not masked and len(files(self.options.motion_file)) > 1:
             raise MorlaxError(
                 f"{self.name} can follow one motion, not a folder of them, because its terms need "
                 "mjlab's own step."
@@ -334,9 +334,9 @@ def _ready_terrain(cfg: Any) -> None:
 
 def _motion(name: str, options: MjlabOptions, cfg: Any, command: Any) -> str:
     """Return the file of the motion that a command of mjlab follows, in mjlab's format."""
-    path = Path(options.motion_file or command.motion_file)
-    if not (paths := files(path)):
-        missing = f", and {path} {'has none' if path.is_dir() else 'is no file'}"
+    if not (paths := files(options.motion_file or command.motion_file)):
+        folder = Path(options.motion_file).is_dir()
+        missing = f", and {options.motion_file} {'has none' if folder else 'is no file'}"
         raise MorlaxError(
             f"{name} follows a motion{options.motion_file and missing}: name its file with "
             "--task.motion-file FILE.npz, or FILE.csv, when you train, and keep it there."

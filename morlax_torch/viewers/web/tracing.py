@@ -219,11 +219,12 @@ class PagePhysics(MujocoPhysics):
 
     def step(self) -> None:
         # by NumPy, because a recorder must not see it
+        rounded = {name: values.numpy() for name, values in self.arrays.items()}
         for name, exact in self._exact.items():
-            exact[:] = self.arrays[name].numpy()
+            exact[:] = rounded[name]
         super().step()
         for name, exact in self._exact.items():
-            self.arrays[name].numpy()[:] = exact
+            rounded[name][:] = exact
 
 
 class OnnxGraph(NamedTuple):

@@ -220,8 +220,8 @@ def start(policy: Policy) -> bytes:
 
 def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
     """Describe a task and its graphs for the page."""
-    begins = type(env).begin is not Environment.begin  # it may draw goals
-    many = STARTS if begins or len(env.starts.states[0]) > 1 else 1
+    drawn = len(env.starts.states[0]) > 1 or type(env).begin is not Environment.begin  # of goals
+    many = STARTS if drawn else 1
     task = described_task(env)
     if env.command_limits:
         task["command"] |= {
