@@ -20,7 +20,7 @@ import compare_report
 from row_files import Row, markdown, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / page for page in ("README.md", "docs/results.md", "docs/mjlab.md")]
+PAGES = [ROOT / page for page in ("docs/results.md", "docs/mjlab.md", "README.md")]
 RESULTS = ROOT / "benchmarks" / "results"
 MARK = re.compile(r"^(<!-- table: (\w+) -->\n\n)((?:\|.*\n)+)", re.MULTILINE)
 
