@@ -7,15 +7,13 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ..configuration.config import Config
 from ..configuration.sections import HyperSACOptions
 from ..envs import MorlaxError, Worlds
-from ..gpu.group import ALONE, Group
 from ..gpu.optimizer import ClippedAdam
 from ..host.resources import memory_of, one_thread
 from ..networks.gaussian import TanhNormal
 from ..networks.mlp import smaller
-from .learner import Learner, make_agent
+from .learner import Learner
 from .rollout import Explore, Rollout, collect
 
 MOST = 0.5  # share of the memory that a replay may take
@@ -138,23 +136,15 @@ class HyperSAC(Learner):
     replay.
     """
 
-    def __init__(
-        self,
-        env: Worlds,
-        config: Config,
-        actor: nn.Module | None = None,
-        critic: nn.Module | None = None,
-        *,
-        group: Group = ALONE,
-    ):
-        if critic is not None:
+    def _build(self) -> None:
+        env, config, group = self.env, self.config, self.group
+        if "critic" in self.agent.own_networks():
             raise MorlaxError("algorithm hyper-sac makes its own critics: leave out `critic`.")
         if not env.shows_endings:
             raise MorlaxError(
                 "algorithm hyper-sac learns from the last observation of each episode, which these "
                 "worlds do not show: choose another algorithm."
             )
-        super().__init__(env, config, make_agent(env, config, actor=actor), group)
         assert isinstance(config.method, HyperSACOptions)
         self.options = config.method
         device, m = env.device, len(env.objectives)

@@ -6,14 +6,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs, sample_cells, sample_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import restore_generator, seed_of
 from ..gpu.graph import Graph
-from ..gpu.group import Group
+from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
 from .rollout import Episodes, Rollout
 
@@ -63,7 +63,7 @@ class Learner(ABC):
 
     An iteration explores T steps with K trade-offs, then learns; each half is recorded as a CUDA
     graph. One generator draws everything; all state lives in tensors updated in place. Arguments
-    and errors are those of `MORLAX`, but for the agent.
+    and errors are those of `MORLAX`.
     """
 
     algorithm: ClassVar[str | None] = None
@@ -78,7 +78,15 @@ class Learner(ABC):
     """Mean rewards per control step of each trade-off in training, and its share of steps that
     failed: (K, m + 1), as `metrics` found them last; None until an episode has ended."""
 
-    def __init__(self, env: Worlds, config: Config, agent: Agent, group: Group):
+    def __init__(
+        self,
+        env: Worlds,
+        config: Config,
+        actor: nn.Module | None = None,
+        critic: nn.Module | None = None,
+        *,
+        group: Group = ALONE,
+    ):
         if env.num_worlds != config.worlds:
             raise MorlaxError(
                 f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
@@ -96,8 +104,8 @@ class Learner(ABC):
                 f"{self.algorithm}: use morlax_torch.train.train, which makes the right learner."
             )
         self.env, self.config, self.group = env, config, group
-        group.share(agent)  # a user's networks may start differently in every process
-        self.agent = agent
+        self.agent = make_agent(env, config, actor=actor, critic=critic)
+        group.share(self.agent)  # a user's networks may start differently in every process
         self.iteration = self.env_steps = 0
         self.steps_per_iteration = config.worlds * config.horizon * group.size
         device, m = env.device, len(env.objectives)
@@ -122,6 +130,11 @@ class Learner(ABC):
         generators = [self.generator, env.generator]
         self.explore = Graph(self._explore, device, generators, partial(self._explore, 1))
         self.learn = Graph(self._learn, device, [self.generator], partial(self._learn, 1))
+        self._build()
+
+    @abstractmethod
+    def _build(self) -> None:
+        """Add what this kind of learner has; raises MorlaxError if the worlds do not suit it."""
 
     @abstractmethod
     def _explore(self, steps: int | None = None) -> None:

@@ -4,10 +4,8 @@ from typing import Any
 
 import torch
 
-from ..configuration.config import Config
 from ..configuration.sections import HyperMORLOptions
 from ..configuration.tradeoffs import even_tradeoffs, sample_cells
-from ..envs import Worlds
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
 from .trainer import Trainer
@@ -47,12 +45,12 @@ class AMOR(Trainer):
 
     (Alegre et al., 2025, "AMOR: Adaptive Character Control through Multi-Objective Reinforcement
     Learning".) With dense sampling every world keeps its trade-off until its episode ends. It needs
-    `network.type: conditioned`, and takes the arguments of `MORLAX`.
+    `network.type: conditioned`.
     """
 
-    def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, **others)
-        self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=env.device)
+    def _build(self) -> None:
+        super()._build()
+        self._ended = torch.ones(len(self.tradeoffs), 1, dtype=torch.bool, device=self.env.device)
         self._process_state |= {"tradeoffs": [self.tradeoffs], "ended": [self._ended]}
 
     def iterate(self, done: float = 0.0) -> None:
@@ -72,11 +70,11 @@ class IndependentPPO(Trainer):
 
     Each is plain PPO (Schulman et al., 2017) in its own worlds, with its own advantages, gradient
     norm and moments of Adam; only the normalizers of observations and values see all worlds. It
-    needs `network.type: independent` and sparse sampling, and takes the arguments of `MORLAX`.
+    needs `network.type: independent` and sparse sampling.
     """
 
-    def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, **others)
+    def _build(self) -> None:
+        super()._build()
         self.tradeoffs.copy_(even_tradeoffs(*self.tradeoffs.shape))
 
 
@@ -86,14 +84,14 @@ class HyperMORL(Trainer):
     (Shu et al., 2024, "Learning Pareto Set for Multi-Objective Continuous Robot Control".) A
     warm-up trains the balanced trade-off alone. Then its policy becomes the bias of the
     hypernetwork, and every iteration explores one random trade-off from each of K even cells of the
-    simplex. It needs `network.type: single` and sparse sampling, and takes MORLAX's arguments.
+    simplex. It needs `network.type: single` and sparse sampling.
     """
 
-    def __init__(self, env: Worlds, config: Config, **others: Any):
-        super().__init__(env, config, **others)
-        self._centers = even_tradeoffs(*self.tradeoffs.shape).to(env.device)
+    def _build(self) -> None:
+        super()._build()
+        self._centers = even_tradeoffs(*self.tradeoffs.shape).to(self.env.device)
         self.warming_up = True
-        self._warming_up = torch.ones((), dtype=torch.bool, device=env.device)  # for graphs
+        self._warming_up = torch.ones((), dtype=torch.bool, device=self.env.device)  # for graphs
 
     def iterate(self, done: float = 0.0) -> None:
         assert isinstance(self.config.method, HyperMORLOptions)

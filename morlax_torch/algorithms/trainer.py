@@ -1,17 +1,16 @@
 """One iteration: explore with the policies of K trade-offs, then learn from all that they did."""
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from ..configuration.config import Config
-from ..envs import MorlaxError, Worlds
+from ..envs import MorlaxError
 from ..envs.worlds.design_space import DesignSpace, compile_bank
 from ..envs.worlds.environment import Environment
 from ..envs.worlds.mirror import check
-from ..gpu.group import ALONE, Group
 from ..host.resources import one_thread
 from .batch import Table, expected_returns, make_batch
-from .learner import Learner, make_agent
+from .learner import Learner
 from .ppo import PPO
 from .rollout import collect
 from .scalarizations import make_scalarization
@@ -59,23 +58,14 @@ class DesignDraws:
 class Trainer(Learner):
     """Trains an agent with PPO. See `MORLAX`."""
 
-    def __init__(
-        self,
-        env: Worlds,
-        config: Config,
-        actor: nn.Module | None = None,
-        critic: nn.Module | None = None,
-        *,
-        group: Group = ALONE,
-    ):
+    def _build(self) -> None:
+        env, config = self.env, self.config
         if config.ppo.truncation == "bootstrap" and not env.shows_endings:
             raise MorlaxError(
                 "these worlds do not show how an episode ended, so there is no value to bootstrap "
                 "from: set ppo.truncation to mask."
             )
-        agent = make_agent(env, config, actor=actor, critic=critic)
-        super().__init__(env, config, agent, group)
-        self.ppo = PPO(agent, config.ppo, group)
+        self.ppo = PPO(self.agent, config.ppo, self.group)
         self.scalarization = make_scalarization(config.scalarization, env.objectives, env.device)
         self.designs: DesignDraws | None = None
         if config.sampling.designs:
