@@ -28,21 +28,14 @@ BLOCK = 1024  # numbers per program when packing
 
 
 @triton.jit
-def _round(x, TF32: tl.constexpr):
-    """Round to the nearest TF32; tensor cores would cut digits off."""
+def _round(x, TF32: tl.constexpr, ONCE: tl.constexpr = True):
+    """Round to the nearest TF32; tensor cores would cut digits off.
+
+    Not ONCE: round anew, where there are no registers to keep the first copy.
+    """
     if TF32:
         return tl.inline_asm_elementwise(
-            "cvt.rna.tf32.f32 $0, $1;", "=f,f", [x], dtype=tl.float32, is_pure=True, pack=1
-        )
-    return x
-
-
-@triton.jit
-def _round_again(x, TF32: tl.constexpr):
-    """Round anew: the compiler would keep the first copy, for which there are no registers."""
-    if TF32:
-        return tl.inline_asm_elementwise(
-            "cvt.rna.tf32.f32 $0, $1;", "=f,f", [x], dtype=tl.float32, is_pure=False, pack=1
+            "cvt.rna.tf32.f32 $0, $1;", "=f,f", [x], dtype=tl.float32, is_pure=ONCE, pack=1
         )
     return x
 
@@ -149,7 +142,7 @@ def _backward(
             zs += (z,)
         sums = (by_weight[LAST] + _product(_round(a, TF32), _round(slope, TF32), TF32),)
         bias_sums = (by_bias[LAST] + tl.sum(slope, 0),)
-        d = _product(tl.trans(weights[LAST]), tl.trans(_round_again(slope, TF32)), TF32)
+        d = _product(tl.trans(weights[LAST]), tl.trans(_round(slope, TF32, False)), TF32)
         for i in tl.static_range(LAST - 1, -1, -1):
             s = tl.sigmoid(zs[i])
             d = d * (s + zs[i] * s * (1.0 - s))
@@ -157,11 +150,11 @@ def _backward(
             d = _round(d, TF32)
             if i > 0:
                 below = _product(tl.trans(weights[i]), d, TF32)
-                a = tl.trans(_round_again(zs[i - 1] * tl.sigmoid(zs[i - 1]), TF32))
+                a = tl.trans(_round(zs[i - 1] * tl.sigmoid(zs[i - 1]), TF32, False))
                 sums = (by_weight[i] + _product(d, a, TF32),) + sums
                 d = below
             else:
-                a = _round_again(seen, TF32)
+                a = _round(seen, TF32, False)
                 sums = (by_weight[i] + _product(d, a, TF32),) + sums
         by_weight = sums
         by_bias = bias_sums
