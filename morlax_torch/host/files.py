@@ -12,19 +12,20 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from ..envs import MorlaxError
+from ..envs.errors import MorlaxError, line
 
 AnyPath = str | os.PathLike[str]
 RUNS = Path("runs")  # where training writes
 
 
 @contextmanager
-def attempting(task: str) -> Iterator[None]:
-    """Turn an error of the system into a MorlaxError, such as "cannot write f.csv: disk full."."""
+def attempting(task: str, *others: type[Exception]) -> Iterator[None]:
+    """Turn errors of the system, and others, into a MorlaxError: "cannot write f: disk full."."""
     try:
         yield
-    except OSError as error:
-        raise MorlaxError(f"cannot {task}: {error.strerror or error}.") from None
+    except (OSError, *others) as error:
+        reason = getattr(error, "strerror", None) or line(error)
+        raise MorlaxError(f"cannot {task}: {reason}.") from None
 
 
 def read(path: AnyPath, what: str = "file") -> bytes:
@@ -144,6 +145,6 @@ def newest_runs(folder: Path) -> list[Path]:
 def task_of(run: Path) -> str:
     """Return the task that a run's config.yaml names, or "" if opening the run would say why."""
     with suppress(OSError, UnicodeDecodeError), (run / "config.yaml").open() as config:
-        line = next((line for line in config if line.startswith("env:")), "")
-        return line.removeprefix("env:").strip(" \n'\"")
+        named = next((row for row in config if row.startswith("env:")), "")
+        return named.removeprefix("env:").strip(" \n'\"")
     return ""

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ...envs.errors import MorlaxError, installation, line
+from ...envs.errors import MorlaxError, installation
 from ...host.files import attempting, read
 from ...host.phases import phase
 from .following import robot_for
@@ -57,10 +57,9 @@ class Policy:
             raise MorlaxError(f"play needs onnxruntime: {installation('onnx')}.") from None
         content, options = read(deployment.policy, "policy"), onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1  # the network is small
-        try:
+        # errors of its own classes, which have no common base but this
+        with attempting(f"load {deployment.policy}", Exception):
             self._session = onnxruntime.InferenceSession(content, options)
-        except Exception as error:  # its own classes, which have no common base but this
-            raise MorlaxError(f"cannot load {deployment.policy}: {line(error)}.") from None
         self.objectives = tuple(deployment.settings.objectives)
         self.slides = "tradeoff" in {value.name for value in self._session.get_inputs()}
         if (schedule := deployment.tradeoff) and not self.slides:
@@ -266,12 +265,10 @@ def show(
     robot, policy, falls = robot_for(deployment, disturbances, seed), Policy(deployment), 0
     steering = Steering(deployment, policy)
     pad = None if gamepad is None else Gamepad(gamepad)
-    try:
+    with attempting("open a window", RuntimeError):  # on macOS, only mjpython may open one
         window = viewer.launch_passive(
             robot.model, robot.data, key_callback=steering.press, show_left_ui=False
         )
-    except RuntimeError as error:  # on macOS, only mjpython may open a window
-        raise MorlaxError(f"cannot open a window: {line(error)}") from None
     window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
     window.cam.trackbodyid = robot.base
     began, steps = time.perf_counter(), 0

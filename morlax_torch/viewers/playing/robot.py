@@ -18,10 +18,10 @@ from pydantic import AliasPath, BaseModel, Field, model_validator
 
 from ...configuration.files import read_yaml
 from ...configuration.schedules import Schedule
-from ...envs.errors import MorlaxError, line, unknown, validated
+from ...envs.errors import MorlaxError, unknown, validated
 from ...envs.worlds.trees import base_of
 from ...exports.deployment import SETTINGS
-from ...host.files import read
+from ...host.files import attempting, read
 
 Values = list[float]
 Range = tuple[float, float]
@@ -153,10 +153,8 @@ def open_export(path: Path, tradeoff: str | None = None) -> Export:
     settings = validated(Settings, values, f"{file}: ")
     archive = folder / settings.model
     content = io.BytesIO(read(archive, "model"))
-    try:
+    with attempting(f"load the model {archive}", ValueError, zipfile.BadZipFile):
         model = mujoco.MjSpec.from_zip(content).compile()
-    except (ValueError, zipfile.BadZipFile) as error:
-        raise MorlaxError(f"cannot load the model {archive}: {line(error)}.") from None
     policy = folder / settings.policy if path == folder else path
     schedule = None if tradeoff is None else _schedule(tradeoff, settings)
     return Export(settings, model, policy, _motion(folder, settings), schedule)
@@ -182,11 +180,9 @@ def _motion(folder: Path, settings: Settings) -> Motion | None:
         return None
     path, names = folder / settings.motion, Motion._fields
     content, (J, K) = read(path, "motion"), (len(settings.joints), len(settings.key_bodies))
-    try:
-        with np.load(io.BytesIO(content)) as file:
-            motion = Motion(*(file[name].astype(float) for name in names))
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise MorlaxError(f"cannot load the motion {path}: {line(error)}.") from None
+    damage = KeyError, ValueError, EOFError, zipfile.BadZipFile
+    with attempting(f"load the motion {path}", *damage), np.load(io.BytesIO(content)) as file:
+        motion = Motion(*(file[name].astype(float) for name in names))
     for name, array, shape in zip(names, motion, ((J,), (J,), (K, 3), (K, 4)), strict=True):
         if array.shape != (expected := (len(motion.joint_pos), *shape)):
             raise MorlaxError(f"{name} of {path} has the shape {array.shape}, not {expected}.")
