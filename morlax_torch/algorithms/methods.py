@@ -4,11 +4,12 @@ from typing import Any
 
 import torch
 
-from ..configuration.sections import HyperMORLOptions
 from ..configuration.tradeoffs import even_tradeoffs, sample_cells
 from ..networks.gaussian import spread_of
 from ..networks.hypernetwork import Hypernetwork
 from .trainer import Trainer
+
+WARMUP = 0.1  # share of a run of HYPER-MORL that trains the balanced trade-off only
 
 
 class MORLAX(Trainer):
@@ -94,13 +95,11 @@ class HyperMORL(Trainer):
         self._warming_up = torch.ones((), dtype=torch.bool, device=self.env.device)  # for graphs
 
     def iterate(self, done: float = 0.0) -> None:
-        assert isinstance(self.config.method, HyperMORLOptions)
-        warmup = self.config.method.warmup
-        if self.warming_up and done >= warmup:
+        if self.warming_up and done >= WARMUP:
             self.warming_up = False
             self._start_hypernetwork()
         self._warming_up.fill_(self.warming_up)
-        start, end = (0.0, warmup) if self.warming_up else (warmup, 1.0)
+        start, end = (0.0, WARMUP) if self.warming_up else (WARMUP, 1.0)
         stage_done = (done - start) / (end - start) if end > start else 1.0
         super().iterate(stage_done)
 

@@ -143,7 +143,7 @@ class Config(Section):
         limited = {
             "decay_fraction": self.decay_fraction,
             "sampling.focus": self.sampling.focus,
-            f"algorithm {self.algorithm}": isinstance(self.method, sections.HyperMORLOptions),
+            f"algorithm {self.algorithm}": self.algorithm == "hyper-morl",
         }
         endless = self.max_env_steps is None and self.max_seconds is None
         for name in (name for name, used in limited.items() if used and endless):

@@ -140,12 +140,6 @@ class MethodOptions(Section):
     off_policy: ClassVar[bool] = False  # critics value a state and an action, twice
 
 
-class HyperMORLOptions(MethodOptions):
-    """HYPER-MORL has no options, but a constant."""
-
-    warmup: ClassVar[float] = 0.1  # share of the run that trains the balanced trade-off only
-
-
 class RslRlOptions(MethodOptions):
     """Options of the networks of `ParetoPPO`."""
 
@@ -180,7 +174,6 @@ class HyperSACOptions(MethodOptions):
 
 OPTIONS: dict[str, type[MethodOptions]] = {  # of algorithms that have some
     "hyper-sac": HyperSACOptions,
-    "hyper-morl": HyperMORLOptions,
     "rsl-rl": RslRlOptions,
 }
 DESIGNING = ("morlax", "amor")  # algorithms that train with many bodies

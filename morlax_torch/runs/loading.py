@@ -284,7 +284,7 @@ def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
     return front
 
 
-def check_bookmark(run: AnyPath, name: str) -> Path:
+def check_bookmark(run: AnyPath, name: str, replaces: bool = True) -> Path:
     """Return the file that keeps a bookmark, or raise MorlaxError: such as of a shipped policy."""
     if not PLAIN_NAME.fullmatch(name):
         raise MorlaxError(
@@ -294,14 +294,14 @@ def check_bookmark(run: AnyPath, name: str) -> Path:
     folder = own_folder(run)
     if folder is None:
         raise MorlaxError(f"shipped policies keep no bookmarks: first pack {run} my-{run}.")
+    if not replaces and name in bookmarks(run):
+        raise MorlaxError(f"there is a bookmark {name} already: delete it first.")
     return folder / BOOKMARKS
 
 
 def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float], replaces: bool = True) -> Path:
     """Store a trade-off (m,), over one of this name if it `replaces` that; returns the file."""
-    file = check_bookmark(run, name)
-    if not replaces:
-        _check_new(run, name)
+    file = check_bookmark(run, name, replaces)
     stored = {**bookmarks(run), name: [float(weight) for weight in tradeoff]}
     write_file(file, yaml.safe_dump(stored, **PLAIN))
     return file
@@ -309,15 +309,10 @@ def bookmark(run: AnyPath, name: str, tradeoff: Sequence[float], replaces: bool 
 
 def rename_bookmark(run: AnyPath, name: str, new: str) -> None:
     """Give a bookmark of a run another name; an empty one removes it."""
-    _check_new(run, new)
+    file = check_bookmark(run, new or name, replaces=not new)
     stored = {new if key == name else key: weights for key, weights in bookmarks(run).items()}
     stored.pop("", None)
-    write_file(check_bookmark(run, new or name), yaml.safe_dump(stored, **PLAIN))
-
-
-def _check_new(run: AnyPath, name: str) -> None:
-    if name in bookmarks(run):
-        raise MorlaxError(f"there is a bookmark {name} already: delete it first.")
+    write_file(file, yaml.safe_dump(stored, **PLAIN))
 
 
 def bookmarks(run: AnyPath) -> dict[str, list[float]]:

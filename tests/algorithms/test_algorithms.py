@@ -14,6 +14,7 @@ from tiny import learner as learner_of
 from torch.testing import assert_close
 
 from morlax_torch import MORLAX, MorlaxError, config_for, load, save
+from morlax_torch.algorithms import methods
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.methods import AMOR, HyperMORL
 from morlax_torch.algorithms.registry import LEARNERS
@@ -164,8 +165,8 @@ def test_alpha_moves_draws_to_the_corners_or_to_the_center(algorithm):
     assert 0.05 < farthest[1].mean() < 0.45
 
 
-def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork(constants):
-    constants("hyper-morl", warmup=0.15)
+def test_hyper_morl_warms_up_at_the_balanced_tradeoff_and_then_starts_the_hypernetwork(monkeypatch):
+    monkeypatch.setattr(methods, "WARMUP", 0.15)
     learner = trained(small("hyper-morl", 20), 3)
     assert isinstance(learner, HyperMORL) and learner.warming_up
     assert (learner.tradeoffs == 0.5).all() and learner.ppo.optimizers[0].mean.any()
@@ -206,8 +207,8 @@ def test_cells_of_the_simplex_are_sampled_with_their_corners(m, steps, generator
     assert_close(found.mean(0)[inner], centers[inner], rtol=0, atol=0.02)
 
 
-def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew(constants):
-    constants("hyper-morl", warmup=0.25)
+def test_hyper_morl_s_second_stage_starts_exploration_and_learning_rates_anew(monkeypatch):
+    monkeypatch.setattr(methods, "WARMUP", 0.25)
     changes = {"decay_fraction": 1.0, "network.initial_std": 0.4}
     learner = trained(small("hyper-morl", 40, **changes), 0)
     rates, spreads = [], []
