@@ -64,7 +64,7 @@ def command(arguments: Sequence[str]) -> None:
 
     seconds, seed = options.seconds, options.seed
     strengths = Disturbances(options.delay, options.noise, options.push, options.friction)
-    deployment = open_export(options.export, options.tradeoff)
+    deployment = open_export(options.export, options.tradeoff)._replace(disturbances=strengths)
     if options.tour:
         from ..viewers.playing.tour import WALK, score
 
@@ -81,17 +81,17 @@ def command(arguments: Sequence[str]) -> None:
     if options.episodes is not None:
         length = (deployment.duration or 30.0) if seconds is None else seconds
         with cli.Live():
-            episodes = run(deployment, strengths, options.episodes, length, seed)
+            episodes = run(deployment, options.episodes, length, seed)
         cli.console.print(_table(episodes, follows))
         return
     if options.output is None and has_display():
         cli.console.print(SLIDING if follows else HELP)
-        falls = show(deployment, strengths, seconds, options.gamepad, seed)
+        falls = show(deployment, seconds, options.gamepad, seed)
     else:
         file = options.output or Path("film.mp4")
         length = (deployment.duration or 5.0) if seconds is None else seconds
         with cli.Live():
-            falls = film(deployment, strengths, file, length, seed)
+            falls = film(deployment, file, length, seed)
         cli.console.print(f"written: {file}")
     cli.console.print(f"falls: {falls}")
 

@@ -161,6 +161,7 @@ def test_two_terms_of_one_function_are_two_observations(monkeypatch):
     ],
 )
 def test_disturbed_episodes_while_the_trade_off_changes(exported, name, episodes, falls):
-    total = summary(run(open_export(exported / name), Disturbances(), episodes, seconds=30.0))
+    deployment = open_export(exported / name)._replace(disturbances=Disturbances())
+    total = summary(run(deployment, episodes, seconds=30.0))
     assert total.falls <= falls and total.seconds > 27 * episodes
     assert total.error < 0.3

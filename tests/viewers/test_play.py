@@ -112,7 +112,8 @@ def test_a_ball_before_the_robot_changes_nothing(tmp_path):
     strengths, motions = Disturbances(push=1.0), []
     for number, xml in enumerate((XML, behind)):
         (folder := tmp_path / str(number)).mkdir()
-        robot = Robot(open_export(write(folder, settings(), xml)), strengths, seed=1)
+        export = open_export(write(folder, settings(), xml))
+        robot = Robot(export._replace(disturbances=strengths), seed=1)
         seen = [robot.observe(np.zeros(3)) for _ in range(80) if robot.step(np.ones(2))]
         motions.append([*np.ravel(seen), *robot.velocity(), robot.weight()])
     np.testing.assert_allclose(*motions, atol=1e-6)
@@ -160,7 +161,7 @@ def test_a_trade_off_changes_no_faster_than_its_limit(cart):
 def test_a_given_trade_off_holds_until_the_user_slides_it(cart, monkeypatch):
     cart, seen, act = open_export(cart.policy, "3,1"), [], Policy.act
     monkeypatch.setattr(Policy, "act", lambda *step: seen.append(act(*step)) or seen[-1])
-    run(cart, Disturbances((0, 0), 0, 0), 1, 10.0)
+    run(cart._replace(disturbances=Disturbances((0, 0), 0, 0)), 1, 10.0)
     np.testing.assert_allclose(seen, [[0.75, 0.25]] * 500)
     policy = Policy(cart)
     Steering(cart, policy).press(ord("9"))
@@ -171,7 +172,7 @@ def test_a_given_trade_off_holds_until_the_user_slides_it(cart, monkeypatch):
 
 @pytest.mark.parametrize(("delay", "steps"), [(0, 0), (10, 2), (25, 5)])
 def test_actions_are_delayed_by_physics_steps(cart, delay, steps, monkeypatch):
-    robot = Robot(cart, Disturbances((delay, delay), 0, 0))
+    robot = Robot(cart._replace(disturbances=Disturbances((delay, delay), 0, 0)))
     targets, usual = [], mujoco.mj_step
     monkeypatch.setattr(mujoco, "mj_step", lambda m, d: (targets.append(d.ctrl[0]), usual(m, d))[1])
     for action in (0.2, 0.4):
@@ -181,7 +182,8 @@ def test_actions_are_delayed_by_physics_steps(cart, delay, steps, monkeypatch):
 
 
 def test_friction_noise_and_pushes_have_the_strength_that_is_asked_for(cart):
-    robot = Robot(cart, Disturbances((0, 0), 2.0, 0.5, (0.4, 0.5)))
+    strengths = Disturbances((0, 0), 2.0, 0.5, (0.4, 0.5))
+    robot = Robot(cart._replace(disturbances=strengths))
     sliding = robot.model.geom_friction[:2, 0]
     assert (sliding >= 0.4).all() and (sliding <= 0.5).all()
     seen = np.array([robot.observe(np.zeros(3)) for _ in range(300)])
@@ -206,7 +208,8 @@ def test_a_tilted_or_broken_robot_has_fallen(cart):
 
 
 def test_episodes_are_the_same_for_the_same_seed(cart):
-    one, other = (run(cart, Disturbances(), 2, 1.0, seed=3) for _ in range(2))
+    disturbed = cart._replace(disturbances=Disturbances())
+    one, other = (run(disturbed, 2, 1.0, seed=3) for _ in range(2))
     assert one == other and one[0] != one[1]
     assert one[0].seconds == pytest.approx(1) and one[0].power > 0
     at_once = one[0]._replace(falls=1.0, seconds=0.02, error=np.nan, power=np.nan, speed=np.nan)

@@ -94,7 +94,7 @@ def test_a_motion_is_played_from_stand_to_stand_without_mjlab(exported):
     assert not robot.data.qvel.any()
     robot.step(np.zeros(29))
     np.testing.assert_allclose(robot.ghost().qpos, frames[1], atol=1e-6)
-    (episode,) = run(deployment, None, 1, 100.0)
+    (episode,) = run(deployment, 1, 100.0)
     assert episode.falls == 0 and 20 < episode.error < 200
     assert episode.seconds == pytest.approx(SECONDS + STAND, abs=0.03)
     assert "error, mm" in played(folder, "--push", "0")

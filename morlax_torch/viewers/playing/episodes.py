@@ -18,7 +18,7 @@ from ...envs.errors import MorlaxError, installation
 from ...host.files import attempting, read
 from ...host.phases import phase
 from .following import robot_for
-from .robot import Array, Disturbances, Export, Robot
+from .robot import Array, Export, Robot
 
 PERIODS = 3.0, 8.0  # s for which a command or a trade-off is wished for
 STANDING = 0.1  # share of the commands that are to stand still
@@ -192,13 +192,7 @@ class Episode(NamedTuple):
         return self.power / max(self.weight * self.speed, 1e-9)
 
 
-def run(
-    deployment: Export,
-    disturbances: Disturbances | None,
-    episodes: int,
-    seconds: float = 30.0,
-    seed: int = 0,
-) -> list[Episode]:
+def run(deployment: Export, episodes: int, seconds: float = 30.0, seed: int = 0) -> list[Episode]:
     """Run episodes under random commands and trade-offs, which end with a fall or the motion."""
     steps = _steps(deployment, seconds)
     if episodes < 1:
@@ -207,7 +201,7 @@ def run(
     for number in range(episodes):
         phase("playing", number / episodes)
         draws, rng = np.random.SeedSequence([seed, number]).spawn(2)
-        robot = robot_for(deployment, disturbances, draws)
+        robot = robot_for(deployment, draws)
         commands = wishes(deployment, policy, np.random.default_rng(rng))
         rows.append(_episode(robot, policy, islice(commands, steps)))
     return rows
@@ -249,11 +243,7 @@ def has_display() -> bool:
 
 
 def show(
-    deployment: Export,
-    disturbances: Disturbances | None,
-    seconds: float | None = None,
-    gamepad: Path | None = None,
-    seed: int = 0,
+    deployment: Export, seconds: float | None = None, gamepad: Path | None = None, seed: int = 0
 ) -> int:
     """Run the robot in real time in a window that steers it, and return the number of falls.
 
@@ -262,7 +252,7 @@ def show(
     """
     from mujoco import viewer  # loads a library of windows
 
-    robot, policy, falls = robot_for(deployment, disturbances, seed), Policy(deployment), 0
+    robot, policy, falls = robot_for(deployment, seed), Policy(deployment), 0
     steering = Steering(deployment, policy)
     pad = None if gamepad is None else Gamepad(gamepad)
     with attempting("open a window", RuntimeError):  # on macOS, only mjpython may open one
@@ -289,13 +279,7 @@ def show(
     return falls
 
 
-def film(
-    deployment: Export,
-    disturbances: Disturbances | None,
-    output: Path,
-    seconds: float,
-    seed: int = 0,
-) -> int:
+def film(deployment: Export, output: Path, seconds: float, seed: int = 0) -> int:
     """Film the robot under random commands and trade-offs (.mp4, .gif); return the falls."""
     from ..camera import FollowingCamera
     from ..filming.recording import ENDINGS, write_video
@@ -304,7 +288,7 @@ def film(
     steps, falls = _steps(deployment, seconds), 0
     if output.suffix.lower() not in ENDINGS:
         raise MorlaxError(f"{output} must end in {' or '.join(ENDINGS)}.")
-    robot, policy = robot_for(deployment, disturbances, seed), Policy(deployment)
+    robot, policy = robot_for(deployment, seed), Policy(deployment)
     robot.model.light_castshadow[:] = 0  # shadows and reflections of fine meshes take a CPU a
     robot.model.mat_reflectance[:] = 0  # second per frame
     commands = wishes(deployment, policy, np.random.default_rng(seed))

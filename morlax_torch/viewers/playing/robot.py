@@ -125,6 +125,22 @@ class Motion(NamedTuple):
     body_quat_w: Array  # (T, K, 4): quaternions, w first
 
 
+@dataclass
+class Disturbances:
+    """Strengths of disturbances; delay and friction are drawn anew for each episode."""
+
+    delay: tuple[float, float] = (0.0, 20.0)  # ms from an observation to its action
+    noise: float = 1.0  # factor on the observation noise of the training
+    push: float = 0.5  # largest change of the base's horizontal velocity, in m/s along each axis
+    friction: tuple[float, float] = (0.3, 1.2)  # sliding, of all contacts that have friction
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            low, high = np.broadcast_to(value, 2)
+            if not 0 <= low <= high < math.inf:
+                raise MorlaxError(f"--{name} must not be negative, nor LOW above HIGH.")
+
+
 class Export(NamedTuple):
     """An export that can be played."""
 
@@ -133,6 +149,7 @@ class Export(NamedTuple):
     policy: Path
     motion: Motion | None = None
     tradeoff: Schedule | None = None  # that the user gives; None: random, or steered
+    disturbances: Disturbances | None = None  # under which it is played
 
     @property
     def duration(self) -> float | None:
@@ -189,22 +206,6 @@ def _motion(folder: Path, settings: Settings) -> Motion | None:
     return motion
 
 
-@dataclass
-class Disturbances:
-    """Strengths of disturbances; delay and friction are drawn anew for each episode."""
-
-    delay: tuple[float, float] = (0.0, 20.0)  # ms from an observation to its action
-    noise: float = 1.0  # factor on the observation noise of the training
-    push: float = 0.5  # largest change of the base's horizontal velocity, in m/s along each axis
-    friction: tuple[float, float] = (0.3, 1.2)  # sliding, of all contacts that have friction
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            low, high = np.broadcast_to(value, 2)
-            if not 0 <= low <= high < math.inf:
-                raise MorlaxError(f"--{name} must not be negative, nor LOW above HIGH.")
-
-
 class Step(NamedTuple):
     """The outcome of a control step."""
 
@@ -223,13 +224,8 @@ class Robot:
 
     seconds = 0.0  # since a motion began
 
-    def __init__(
-        self,
-        deployment: Export,
-        disturbances: Disturbances | None = None,
-        seed: int | np.random.SeedSequence = 0,
-    ):
-        settings = deployment.settings
+    def __init__(self, deployment: Export, seed: int | np.random.SeedSequence = 0):
+        settings, disturbances = deployment.settings, deployment.disturbances
         self._driven = driven = settings.driven
         self.model = model = copy(deployment.model)
         mujoco.set_mju_user_warning(lambda message: None)  # see `broken`; no MUJOCO_LOG.TXT
