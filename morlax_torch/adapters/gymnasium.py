@@ -321,10 +321,8 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
     episode ended.
 
     Rewards are (N, m). With a `tradeoff` they are (N,), the weighted sum of the objectives, and
-    `info["vector_reward"]` (N, m) holds the objectives.
-
-    `reward_space` is the reward space of one world, or None with a `tradeoff`. `worlds` is the
-    underlying morlax_torch environment.
+    `info["vector_reward"]` (N, m) holds the objectives. `reward_space` is that of one world, or
+    None with a `tradeoff`. `worlds` is the underlying morlax_torch environment.
 
     Args:
         task, tradeoff, width, height, task_options: as for `GymnasiumEnv`.

@@ -97,7 +97,6 @@ class StableBaselines3VecEnv(VecEnv):
         return self.vector.render() or ()
 
     def close(self) -> None:
-        """Close the underlying environment."""
         self.vector.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:

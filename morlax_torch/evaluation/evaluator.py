@@ -174,7 +174,6 @@ class Evaluator:
 
     @torch.no_grad()
     def _generate(self) -> None:
-        """Generate the networks of the trade-offs."""
         size = 1 if self._alone else len(self.tradeoffs)
         for first in range(0, len(self.tradeoffs), size):
             part = slice(first, first + size)

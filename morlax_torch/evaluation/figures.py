@@ -72,12 +72,12 @@ def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes,
 def _pair(axes: Axes, front: Front, pair: tuple[int, int]) -> None:
     best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     x, y = front.returns[:, pair].T
-    _label(axes, front.shown, pair)
+    label_axes(axes, front.shown, pair)
     style.points(axes, x, y, best, SIZE, colors, front.fails)
     style.fit(axes, x, y)
 
 
-def _label(axes: Axes, names: Sequence[str], pair: tuple[int, int]) -> None:
+def label_axes(axes: Axes, names: Sequence[str], pair: tuple[int, int]) -> None:
     colors = style.of_objectives(len(names))
     across, up = (style.returned(names[k]) for k in pair)
     style.lattice(axes, across, up, [colors[k] for k in pair])
@@ -144,7 +144,7 @@ def fronts_figure(fronts: Mapping[str, Front], title: str = "") -> Figure:
                 line["linestyle"] = "none"
             ordered = returns[returns[:, pair[0]].argsort()]
             axes.plot(*ordered[:, pair].T, **line, label=name)
-        _label(axes, names, pair)
+        label_axes(axes, names, pair)
         style.fit(axes, *joined[:, pair].T)
     style.legend_outside(figure)
     return figure

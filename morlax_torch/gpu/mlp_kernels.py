@@ -5,8 +5,7 @@ weights rounded to TF32. A program keeps the weights of one network on chip and 
 of its samples, so no activation leaves the chip; backward computes them again. Gradients are summed
 in a fixed order, so results repeat bit for bit.
 
-`torch.vmap` over `torch.func.functional_call` is the definition. This module needs Triton, so
-import it only where there is CUDA.
+`torch.vmap` over `torch.func.functional_call` defines them. Import it only if there is CUDA.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,6 @@
 """The tanh-squashed Gaussian, and the policy loss with its gradient, in Triton, for CUDA.
 
-`networks.gaussian` and `algorithms.ppo.policy_loss` are the definitions. This module needs Triton,
-so import it only where there is CUDA.
+`networks.gaussian` and `algorithms.ppo.policy_loss` define them. Import it only if there is CUDA.
 """
 
 import math

@@ -18,7 +18,6 @@ from ..host.files import unused
 from ..host.phases import phase, within
 from ..networks.policy import Policy
 from ..runs import checkpoint, loading
-from ..runs.checkpoint import front_path
 from ..runs.hardware import read_machines
 from ..runs.progress import History
 from . import comparison
@@ -110,7 +109,7 @@ def evaluate_runs(
     write(evaluations, folder, conditions, typed, picture)
     if output is None and in_run:
         for name, front in fronts.items():
-            front.save(front_path(files[name]))  # where `load_front` looks
+            front.save(checkpoint.front_path(files[name]))  # where `load_front` looks
     return evaluations, folder
 
 

@@ -164,8 +164,7 @@ def write(
 ) -> None:
     """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
 
-    `conditions` of the evaluation are values of report.html, `typed` is the command line, and
-    `portrait` a picture of the robot as PNG.
+    `conditions` are values of report.html, `typed` is the command line, `portrait` is a PNG.
     """
     drawn: list[tuple[str, Figure]] = []
     fronts: dict[str, Figure] = {}

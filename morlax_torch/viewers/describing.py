@@ -33,7 +33,6 @@ MESHES = {  # the rows of all meshes, and for each mesh its first row and how ma
 
 
 def described_task(env: Robot) -> dict[str, Any]:
-    """Describe a robot's task."""
     names = list(env.command_limits)[:2]
     return {
         "dt": env.dt,

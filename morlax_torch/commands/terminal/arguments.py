@@ -297,7 +297,6 @@ def read(arguments: Sequence[str]) -> "tuple[Config, Run | None, Train]":
 
 
 def _resumed(start: Train, options: Sequence[str]) -> "tuple[Config, Run]":
-    """Return the config of a run to resume, and the run."""
     from ...runs.run import Run  # imports torch
 
     for name in start.model_dump(include={"config", "output"}, exclude_none=True):

@@ -135,7 +135,6 @@ Written = tuple[library.Choice, Policy, Front | None, list[dict[str, Any]]]
 
 
 def _read(choice: library.Choice) -> Written:
-    """Read what training has written."""
     kept = kept_fronts(folder_of(choice.file))
     moments = [moment_map(file, *numbers) for file, numbers in kept.items()]
     return library.choose(choice.run, choice.checkpoint), *policies_of(choice), moments

@@ -19,7 +19,6 @@ from ...host.version import __version__
 from ...networks.policy import Policy
 from ...runs import loading
 from ...runs.checkpoint import fingerprint, folder_of, front_path
-from ...runs.loading import find_checkpoint
 from ...runs.progress import FRONTS
 from ...runs.references import named_task
 from ...runs.run import is_training
@@ -64,7 +63,7 @@ class Choice(NamedTuple):
     @property
     def argument(self) -> str:
         """What names the checkpoint in a command line: its run, or the file."""
-        return self.run if find_checkpoint(self.run) == self.file else str(self.file)
+        return self.run if loading.find_checkpoint(self.run) == self.file else str(self.file)
 
     @property
     def folder(self) -> Path:
@@ -100,7 +99,7 @@ def choose(run: str, checkpoint: str | None = None) -> Choice:
     being trained, or the checkpoint file `run`).
     """
     run = str(loading.named_run(run))
-    file = find_checkpoint(run)
+    file = loading.find_checkpoint(run)
     if Path(run).is_file():
         if file.parent.name != "checkpoints":
             return Choice(run, file.stem, {file.stem: file})
@@ -137,7 +136,7 @@ def decision_card(
     tried, env = trials(policy, choice.tradeoff, seed), policy.config.env
     facts = {
         "run": run,
-        "checkpoint": str(find_checkpoint(run)),
+        "checkpoint": str(loading.find_checkpoint(run)),
         "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
         "morlax-torch": __version__,
     }

@@ -178,7 +178,6 @@ def drained(queue: Queue, seconds: float) -> list:
 
 
 def files() -> dict[str, bytes]:
-    """Return the files of the server, by path."""
     contents = libraries.page_files("three")
     index = contents.pop("index.html")
     contents[""] = index.replace(b'lang="en"', b'lang="en" data-engine="remote"')

@@ -10,6 +10,7 @@ from PIL import Image
 
 from ...envs import MorlaxError
 from ...evaluation import style
+from ...evaluation.figures import label_axes
 from ...evaluation.front import Front
 from ...evaluation.pareto import conflicting_pairs, non_dominated
 from ...networks.policy import Policy
@@ -54,8 +55,7 @@ class Growth(Film):
         figure.set(dpi=width / INCHES, layout_engine="none")
         self._canvas = FigureCanvasAgg(figure)
         self._map, self._curve = figure.subplots(1, 2, gridspec_kw=HALVES)
-        x, y = (style.returned(names[k]) for k in self._pair)
-        style.lattice(self._map, x, y, [style.of_objectives(m)[k] for k in self._pair])
+        label_axes(self._map, names, self._pair)
         xlim, ylim = map(style.limits, np.concatenate(best)[:, self._pair].T)
         self._map.set(xlim=xlim, ylim=ylim)
         style.lattice(self._curve, "training time (s)", "hypervolume")

@@ -46,8 +46,7 @@ FASTEST = 30.0  # frames per second of a film
 class Policy:
     """An ONNX policy; `tradeoff` (m,) slides towards the `target` (m,) by at most `slew` per s.
 
-    It stays as it is where the export has a fixed trade-off (`slides` is false). The target follows
-    the `schedule` until that is None.
+    Not where the export has a fixed one (`slides` is false). The target follows any `schedule`.
     """
 
     def __init__(self, deployment: Export):
@@ -247,8 +246,7 @@ def show(
 ) -> int:
     """Run the robot in real time in a window that steers it, and return the number of falls.
 
-    It ends after `seconds`, if there is a limit, or when the window is closed. `gamepad` is a
-    device that steers beside the keys.
+    It ends after `seconds`, if limited, or with the window. `gamepad` is a device that steers too.
     """
     from mujoco import viewer  # loads a library of windows
 

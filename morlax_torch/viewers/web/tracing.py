@@ -239,8 +239,7 @@ class OnnxGraph(NamedTuple):
 class Traced(NamedTuple):
     """A control step as graphs; both read and change the state by name.
 
-    `before` maps an action to the control of the motors, `after` maps the state after the physics
-    to observation, rewards and the end of the episode.
+    `before` maps an action to controls, `after` the new physics to observation, rewards and end.
     """
 
     before: OnnxGraph
