@@ -46,7 +46,7 @@ FASTEST = 30.0  # frames per second of a film
 class Policy:
     """An ONNX policy; `tradeoff` (m,) slides towards the `target` (m,) by at most `slew` per s.
 
-    Not where the export has a fixed one (`slides` is false). The target follows any `schedule`.
+    With a fixed trade-off (`slides` is false), it stays. The target follows the `schedule`, if any.
     """
 
     def __init__(self, deployment: Export):
