@@ -214,14 +214,14 @@ class Evaluator:
         if (overflow := table[:, -1]).any():
             remedy = self.env.remedy(int(overflow.max()))
             raise MorlaxError(f"contacts overflowed their buffers in an evaluation: {remedy}.")
-        return [self._front(rows) for rows in np.split(table, self._sets)]
+        return [self._front(rows) for rows in np.split(table[:, :-1], self._sets)]
 
     def _front(self, rows: np.ndarray) -> Front:
         """Return the front of one set of episodes, a row of results each: their means."""
         m, episodes = len(self.env.objectives), rows.reshape(self._seeds, self.number, -1)
         means = episodes.mean(0)
-        lengths, falls, blowups, _ = means[:, -4:].T.copy()
-        front = Front(
+        lengths, falls, blowups = means[:, -3:].T.copy()
+        return Front(
             self.env.objectives,
             self._points[: self.number, :m].copy(),
             means[:, :m].copy(),
@@ -231,11 +231,9 @@ class Evaluator:
             blowups if self._knows_blowups else None,
             protocol=self.protocol,
             titles=tuple(self.env.titles.get(name, name) for name in self.env.objectives),
+            quantities=self._quantities(episodes) if self.env.quantities else None,
+            quantity_names=self.env.quantities,
         )
-        if not self.env.quantities:
-            return front
-        quantities = self._quantities(episodes[..., :-1])
-        return front._replace(quantities=quantities, quantity_names=self.env.quantities)
 
     def _values(self, sums: np.ndarray) -> np.ndarray:
         """Return values (K, m + q) of sums (seeds, K, columns) over a window of time."""
@@ -305,9 +303,9 @@ def make_evaluator(
     config.check_protocol(protocol)
     tradeoffs = usual_tradeoffs(config, protocol) if tradeoffs is None else tradeoffs
     seeds = config.evaluation.seeds if seeds is None else seeds
-    points = evaluation_tradeoffs(tradeoffs, agent.num_objectives)  # refuses too few
+    points = evaluation_tradeoffs(tradeoffs, len(agent.objectives))  # refuses too few
     if protocol != "latched":
-        points = dirichlet_tradeoffs(tradeoffs, agent.num_objectives)
+        points = dirichlet_tradeoffs(tradeoffs, len(agent.objectives))
     # new worlds may seed torch's own generator, from which training worlds may draw
     with drawing_from(torch.Generator(resolve_device(config.device))):
         env = evaluation_worlds(config, tradeoffs * bodies, seeds, seed, sets, group)

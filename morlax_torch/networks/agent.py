@@ -97,7 +97,7 @@ class Agent(nn.Module):
         # R, that are independent of each other; 0 of other types
         self.num_networks = config.sampling.clusters if network.type == "independent" else 0
         self.observation_size, self.privileged_size = task.observation_size, task.privileged_size
-        self.action_size, self.num_objectives = task.action_size, m
+        self.action_size, self.objectives = task.action_size, tuple(task.objectives)
         self.designs, self._max_std = dict(task.designs), network.max_std
         context = torch.zeros(0, dtype=torch.float32)
         if config.sampling.designs:
@@ -148,8 +148,8 @@ class Agent(nn.Module):
     ) -> tuple[nn.Module, nn.Module]:
         """Return an actor and a critic of one trade-off: a user's, which are checked, or new."""
         network, A = config.network, self.action_size
-        conditions = self.num_objectives + len(self.context) if network.type == "conditioned" else 0
-        inputs = self.observation_size + conditions
+        m, d = len(self.objectives), len(self.context)
+        inputs = self.observation_size + (m + d if network.type == "conditioned" else 0)
         if actor is None:
             actor = mlp(inputs, network.actor, 2 * A, generator)
             weight, bias = list(actor.parameters())[-2:]
@@ -173,7 +173,7 @@ class Agent(nn.Module):
         """Let both answer mirrored inputs by mirrored outputs; conditions stay as they are."""
         none, joined, A = Reflection.none, Reflection.joined, self.action_size
         seen, acted = mirror or Mirror(none(self.observation_size + self.privileged_size), none(A))
-        m, d = self.num_objectives, len(self.context)
+        m, d = len(self.objectives), len(self.context)
         condition = none(m + d if config.network.type == "conditioned" else 0)
         spread = acted._replace(sign=torch.ones(A, dtype=torch.float32))
         inputs = joined([seen.first(self.observation_size), condition])
@@ -202,7 +202,7 @@ class Agent(nn.Module):
 
     def conditions(self, tradeoffs: Tensor) -> Tensor:
         """Add the context to trade-offs (..., m); conditions (..., m + d) have their own."""
-        if tradeoffs.shape[-1] > self.num_objectives or not len(self.context):
+        if tradeoffs.shape[-1] > len(self.objectives) or not len(self.context):
             return tradeoffs
         context = self.context.expand(*tradeoffs.shape[:-1], -1)
         return torch.cat([tradeoffs, context.to(tradeoffs)], -1)

@@ -184,14 +184,8 @@ def save(policy: Policy, path: AnyPath) -> None:
     networks = policy.agent.own_networks()
     networks.pop("critic", None)
     state = policy.agent.state_dict().items()
-    task = Task(
-        objectives=policy.objectives,
-        observation_size=policy.agent.observation_size,
-        action_size=policy.agent.action_size,
-        privileged_size=policy.agent.privileged_size,
-        designs=policy.agent.designs,
-        model_fingerprint=dict(policy.model_fingerprint),
-    )
+    task = Task.model_validate(policy.agent, from_attributes=True)
+    task.model_fingerprint = dict(policy.model_fingerprint)
     contents = {
         "config": policy.config.model_dump(mode="json"),
         "environment": task.model_dump(mode="json"),
