@@ -117,7 +117,8 @@ class Trainer(Learner):
         # only the direction counts, so that no trade-off learns faster than another
         return weights / weights.abs().sum(-1, keepdim=True).clamp(min=1e-12)
 
-    def _learn(self, rounds: int | None = None) -> None:  # epochs
+    def _learn(self, rounds: int | None = None) -> None:
+        """Learn from the rollout for so many epochs."""
         config, decay = self.config.ppo, self._decay()
         if self.config.decay_fraction:
             self.ppo.decay(decay)
