@@ -33,9 +33,6 @@ class Ant(Runner):
         height, upright = 1.0, [1, 0, 0, 0]
         return np.array([0, 0, height, *upright, 0, 0.5, 0, -0.5, 0, -0.5, 0, 0.5])
 
-    def apply(self, action: Tensor) -> None:
-        self.physics.ctrl.copy_(action.clamp(-1, 1))
-
     def terms(self) -> dict[str, Tensor]:
         vx, vy = self.velocity().unbind(-1)
         return {"alive": torch.ones_like(vx), "energy": 8.0 - self.effort(), "vx": vx, "vy": vy}

@@ -114,6 +114,7 @@ class Bruce(Environment):
     previous control step, as observations do.
     """
 
+    model_file = "bruce.xml"
     substeps = 5
     command_limits = {
         name: (-most, most)
@@ -140,7 +141,7 @@ class Bruce(Environment):
         self.command = like.new_zeros(len(like), 2)
         self._expand = bruce.joints_from_crank(model)
         self._from_joints = torch.from_numpy(bruce.crank_from_joints(model)).to(like)
-        self._to_motors = torch.from_numpy(bruce.motors_from_crank()).to(like)
+        self._to_motors = torch.from_numpy(bruce.from_crank(bruce.MOTORS)).to(like)
         self._default = torch.from_numpy(bruce.DEFAULT_POSE).to(like)
         legs = bruce.NUM_LEG_JOINTS
         reach = [LEG_REACH] * legs + [ARM_REACH] * (16 - legs) + [VELOCITY_REACH] * 2
@@ -161,10 +162,6 @@ class Bruce(Environment):
         parts = zip(HISTORIES.items(), self._past.split(widths, -1), strict=True)
         self._histories = {name: part.unflatten(-1, size) for (name, size), part in parts}
         super().__init__(physics, options, seed, auto_reset)
-
-    @classmethod
-    def load_model(cls) -> mujoco.MjModel:
-        return bruce.load()
 
     @classmethod
     def model_for(cls, options: BruceOptions) -> mujoco.MjModel:
@@ -209,7 +206,7 @@ class Bruce(Environment):
         else:
             qpos[:3], qpos[7:] = pose[POSITION], self._expand @ crank
             qvel[:3], qvel[6:] = rate[POSITION], self._expand @ rate[JOINTS]
-        ctrl[:16] = bruce.motors_from_crank() @ crank
+        ctrl[:16] = bruce.from_crank(bruce.MOTORS) @ crank
         return Start(qpos, qvel, ctrl)
 
     def vary_model(self, seed: int) -> Fields:
