@@ -26,7 +26,12 @@ class ForeignWorlds(Worlds):
     groups: tuple[str, ...]  # of observations, of policies first, in a library that has them
 
     def __init__(
-        self, options: Any, num_worlds: int, device: torch.device, seed: int, auto_reset: bool
+        self,
+        options: Any,
+        num_worlds: int,
+        device: torch.device,
+        seed: int = 0,
+        auto_reset: bool = True,
     ):
         super().__init__(options, num_worlds, device, seed, auto_reset)
         self._open(seed)

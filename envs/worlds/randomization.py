@@ -80,10 +80,7 @@ class Noise:
 
 
 class Delay:
-    """Delays actions by some control steps; zero actions apply until the first one arrives.
-
-    `steps` are the smallest and largest delay, drawn per world at the start of each episode.
-    """
+    """Delays actions by some control steps; zero actions apply until the first one arrives."""
 
     def __init__(self, steps: tuple[int, int], action_size: int, physics: Physics, draws: Draws):
         self.steps, self._draws = steps, draws
