@@ -52,11 +52,7 @@ def draw(model: mujoco.MjModel, options: Randomization, num_worlds: int, seed: i
 
 
 class Noise:
-    """Gaussian observation noise, drawn once per control step.
-
-    `deviations`: standard deviations in the units of the observation, by the name of a part
-    ("position.knee") or a prefix of several ("position"). The longest match applies.
-    """
+    """Gaussian observation noise, drawn once per control step; a part's longest name applies."""
 
     def __init__(
         self, deviations: dict[str, float], parts: list[Part], physics: Physics, draws: Draws
