@@ -120,7 +120,7 @@ class Planner:
         force, pivot = np.zeros((steps, samples, 3)), np.zeros((steps, samples, 2))
         yaw_moment, torque = np.zeros((steps, samples)), np.zeros((steps, samples, 16))
         needed, armature = np.zeros(model.nv), model.dof_armature
-        to_motors = np.linalg.inv(bruce.motors_from_crank()).T
+        to_motors = np.linalg.inv(bruce.from_crank(bruce.MOTORS)).T
         for i, stance in enumerate(STANCE[:steps]):
             for k in range(samples):
                 self._place(motion.qpos[i, k])

@@ -30,7 +30,7 @@ class Walker:
         self.data = mujoco.MjData(self.model)
         self._omega = np.sqrt(GRAVITY / planner.constants.com_height)
         self._from_joints = bruce.crank_from_joints(self.model)
-        self._to_motors = bruce.motors_from_crank()
+        self._to_motors = bruce.from_crank(bruce.MOTORS)
         self._stiffness = self.model.actuator_gainprm[:16, 0]
         duration = planner.constants.step_time / CONTROL_STEPS
         self._substeps = round(duration / self.model.opt.timestep)

@@ -24,9 +24,9 @@ from torch import Tensor
 from morlax_torch.commands.terminal.cli import console
 from morlax_torch.configuration.config import Config
 from morlax_torch.envs import MorlaxError, Worlds, resolve_device
+from morlax_torch.envs.bridges.mjlab.config import MjlabOptions, add_terms
 from morlax_torch.envs.bridges.mjlab.history import UNMEASURED
 from morlax_torch.envs.bridges.mjlab.motion import prepared
-from morlax_torch.envs.bridges.mjlab.worlds import MjlabOptions, add_terms
 
 LOUD = 100.0  # an action scale that bounds no action
 WEIGHTINGS = Path(__file__).with_name("mjlab_weightings.yaml")

@@ -22,9 +22,6 @@ class Cheetah(Planar):
         nconmax: int = 16
         njmax: int = 72
 
-    def apply(self, action: Tensor) -> None:
-        self.physics.ctrl.copy_(action.clamp(-1, 1))
-
     def terms(self) -> dict[str, Tensor]:
         z = self.physics.qpos[:, 1]
         return {

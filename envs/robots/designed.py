@@ -81,8 +81,3 @@ class DesignedAnt(Ant):
         # the ankle starts 0.5 rad below the horizontal
         rise = math.sin(0.5) * cls.designs["lower_leg"].default * (lower - 1)
         spec.body("torso").pos[2] += rise
-
-    def initial_qpos(self) -> np.ndarray:
-        qpos = super().initial_qpos()
-        qpos[2] += self.physics.model.qpos0[2] - 0.75  # m, of the usual ant
-        return qpos

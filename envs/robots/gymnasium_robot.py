@@ -53,15 +53,11 @@ def sense(spec: mujoco.MjSpec, motion: bool = False) -> None:
                 sensor.intprm[:3] = WRENCH, NET, 1
 
 
-def _rotation(quaternion: Tensor) -> Tensor:
-    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4), w first."""
-    w, x, y, z = quaternion.unbind(-1)
-    rows = [
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    ]
-    return torch.stack(rows, -1).unflatten(-1, (3, 3))
+def _rotation(quaternion: Tensor, identity: Tensor) -> Tensor:
+    """Return the rotation matrices (N, B, 3, 3) of unit quaternions (N, B, 4), w first."""
+    w, axis = quaternion[..., :1, None], quaternion[..., None, 1:]
+    crossed = torch.linalg.cross(identity, axis)  # the matrix of the cross product with the axis
+    return (2 * w * w - 1) * identity + 2 * (axis.mT * axis + w * crossed)  # Rodrigues
 
 
 class GymnasiumRobot(Runner):
@@ -171,7 +167,7 @@ class GymnasiumHumanoid(GymnasiumRobot):
         like, model = self.physics.qpos, self.physics.model
         mass = torch.from_numpy(model.body_mass[1:, None]).to(like)
         principal = torch.from_numpy(model.body_inertia[1:, :, None]).to(like)
-        return mass, principal, torch.eye(3, dtype=like.dtype, device=like.device)
+        return mass, principal, torch.eye(3, dtype=like.dtype, device=like.device)[None, None]
 
     def inertias(self) -> Tensor:
         """Return cinert (N, B, 10), the inertia of each body.
@@ -181,7 +177,7 @@ class GymnasiumHumanoid(GymnasiumRobot):
         """
         mass, principal, identity = self._constants
         arm = self.sensed["position"] - self.sensed["center"]
-        axes = _rotation(self.sensed["orientation"])
+        axes = _rotation(self.sensed["orientation"], identity)
         square = arm.square().sum(-1)[..., None, None]
         parallel = square * identity - arm[..., :, None] * arm[..., None, :]
         moments = axes @ (principal * axes.mT) + mass[..., None] * parallel

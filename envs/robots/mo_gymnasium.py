@@ -30,7 +30,6 @@ class HalfCheetah(GymnasiumRobot):
     class Options(SharedOptions):
         reference_point: Point = (-100.0, -6000.0)
         nconmax: int = 16
-        njmax: int = 64
 
 
 class Hopper(GymnasiumRobot):
@@ -88,7 +87,6 @@ class Walker2d(GymnasiumRobot):
         reference_point: Point = (-100.0, -6000.0)
         reset_noise: NonNegativeFloat = 0.005
         nconmax: int = 16
-        njmax: int = 64
 
     def terms(self) -> dict[str, Tensor]:
         return {"healthy": self.healthy(), **super().terms()}

@@ -32,6 +32,9 @@ class Runner(Environment):
         joints = self.physics.qpos[:, self.unobserved :]
         return torch.cat([joints, seen, *self.seen_of_bodies().values()], -1)
 
+    def apply(self, action: Tensor) -> None:
+        self.physics.ctrl.copy_(action.clamp(-1, 1))
+
     def layout(self) -> list[Part]:
         model = self.physics.model
         parts = [*positions(model)[self.unobserved :], *velocities(model, self.fastest_seen)]

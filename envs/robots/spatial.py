@@ -30,11 +30,10 @@ class Ant(Runner):
         njmax: int = 40
 
     def initial_qpos(self) -> np.ndarray:
-        height, upright = 1.0, [1, 0, 0, 0]
-        return np.array([0, 0, height, *upright, 0, 0.5, 0, -0.5, 0, -0.5, 0, 0.5])
-
-    def apply(self, action: Tensor) -> None:
-        self.physics.ctrl.copy_(action.clamp(-1, 1))
+        qpos = self.physics.model.qpos0.copy()
+        qpos[2] += 0.25  # m
+        qpos[8::2] = 0.5, -0.5, -0.5, 0.5  # rad, of the ankles
+        return qpos
 
     def terms(self) -> dict[str, Tensor]:
         vx, vy = self.velocity().unbind(-1)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -23,7 +23,6 @@ LARGEST = 1e9  # of any number, in size: squares of it are still finite in float
 Objectives = dict[str, dict[str, float]]  # weights of reward terms, by objective
 Point = tuple[float, ...] | None  # of reference, one number per objective
 Count = Annotated[int, Field(gt=0, le=1_000_000)]
-T = TypeVar("T", int, float)
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_ -]{0,39}")
 Factor = Annotated[float, Field(gt=0, le=1e6)]
 Delay = Annotated[int, Field(ge=0, le=1000)]
@@ -72,7 +71,7 @@ class Section(BaseModel):
         return value
 
 
-def _ordered(limits: tuple[T, T]) -> tuple[T, T]:
+def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
         raise ValueError(f"a range goes from the smaller to the larger number: {limits[::-1]}")
     return limits

@@ -24,10 +24,7 @@ def base_of(model: mujoco.MjModel, name: str | None = None) -> int:
         return int(np.flatnonzero(trees == trees[body])[0]) if trees[body] >= 0 else body
     if not model.ntree:
         return min(1, model.nbody - 1)
-    data = mujoco.MjData(model)
-    stages = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission
-    for compute in stages:
-        compute(model, data)
+    data = forwarded(model)
     counts = np.zeros(model.ntree, int)  # of the actuators that act on each tree
     for start, number in zip(data.moment_rowadr, data.moment_rownnz, strict=True):
         dofs = data.moment_colind[start : start + number]

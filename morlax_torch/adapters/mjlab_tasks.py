@@ -10,7 +10,7 @@ from mjlab.rl import RslRlPpoAlgorithmCfg  # pyright: ignore[reportMissingImport
 from mjlab.tasks import registry  # pyright: ignore[reportMissingImports]
 
 from ..envs.bridges.mjlab import tour  # noqa: F401 (registers its task)
-from ..envs.bridges.mjlab.worlds import add_terms
+from ..envs.bridges.mjlab.config import add_terms
 from .pareto_options import ParetoOptions
 
 Group = dict[str, float]

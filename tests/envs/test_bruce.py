@@ -112,7 +112,7 @@ def test_crank_joint_and_motor_coordinates_are_consistent(chains):
     back = bruce.crank_from_joints(model)
     np.testing.assert_allclose(back @ bruce.joints_from_crank(model), np.eye(16), atol=1e-15)
     measured = data.actuator_length[:16]
-    np.testing.assert_allclose(measured, bruce.motors_from_crank() @ crank, atol=1e-12)
+    np.testing.assert_allclose(measured, bruce.from_crank(bruce.MOTORS) @ crank, atol=1e-12)
 
 
 def standing(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -122,7 +122,7 @@ def standing(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.flo
     qpos, ctrl = np.zeros(model.nq), np.zeros(model.nu)
     qpos[2:4] = 0.4255, 1.0
     qpos[7:] = bruce.joints_from_crank(model) @ crank
-    ctrl[:16] = bruce.motors_from_crank() @ crank
+    ctrl[:16] = bruce.from_crank(bruce.MOTORS) @ crank
     return qpos, ctrl
 
 

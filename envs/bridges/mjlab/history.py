@@ -39,11 +39,9 @@ class History:
     def __init__(self, sizes: list[int], numbers: list[int], worlds: int, device: torch.device):
         most, total = max(numbers), sum(sizes)
         self._frames = torch.zeros(worlds, most, total, dtype=torch.float32, device=device)
-        columns, start = torch.arange(most * total).view(most, total), 0
-        parts: list[Tensor] = []
-        for size, number in zip(sizes, numbers, strict=True):
-            parts.append(columns[most - number :, start : start + size].flatten())
-            start += size
+        columns = torch.arange(most * total).view(most, total).split(sizes, 1)
+        kept = zip(columns, numbers, strict=True)
+        parts = [each[most - number :].flatten() for each, number in kept]
         self._columns = torch.cat(parts).to(device)
         self.size = len(self._columns)
 

@@ -39,6 +39,7 @@ UNITS = {
     "last_action": "the policy's last output",
 }
 AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
+SERVO = mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
 
 
 @cache
@@ -248,17 +249,11 @@ def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
     row: dict[str, float | None] = {"stiffness": None, "damping": None}
     if len(indices) != 1:
         return row
-    (index,) = indices
-    gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
-    if (
-        model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_NONE
-        and model.actuator_gaintype[index] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
-        and model.actuator_gear[index, 0] == 1
-        and bias[0] == 0
-        and gain[0] == -bias[1] > 0
-    ):
-        row |= {"stiffness": float(gain[0]), "damping": float(-bias[2])}
+    servo = model.actuator(indices[0])
+    kinds = servo.dyntype[0], servo.gaintype[0], servo.biastype[0]
+    gain, (offset, stiffness, damping) = servo.gainprm[0], -servo.biasprm[:3]
+    if kinds == SERVO and servo.gear[0] == 1 and offset == 0 and gain == stiffness > 0:
+        row |= {"stiffness": float(stiffness), "damping": float(damping)}
     return row
 
 

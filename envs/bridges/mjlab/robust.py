@@ -45,8 +45,6 @@ def harden(cfg: Any) -> None:
 
 @dataclass(kw_only=True)
 class LateActionCfg(JointPositionActionCfg):
-    """Config of `LateAction`."""
-
     def build(self, env: Any) -> "LateAction":
         return LateAction(self, env)
 

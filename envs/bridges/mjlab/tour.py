@@ -24,8 +24,6 @@ WALKING = "Mjlab-Velocity-Flat-Unitree-G1"
 
 @dataclass(kw_only=True)
 class HarnessCfg(ActionTermCfg):
-    """Config of `Harness`."""
-
     def build(self, env: Any) -> "Harness":
         return Harness(self, env)
 

@@ -30,7 +30,7 @@ CRANK_JOINTS = tuple(
     for side in SIDES
     for joint in joints
 )
-MOTORS = tuple(
+MOTORS = tuple(  # in the order of `ctrl`
     name.replace("hip_pitch", "hip_motor_a").replace("hip_roll", "hip_motor_b")
     for name in CRANK_JOINTS
 )
@@ -70,12 +70,7 @@ def load(chains: Chains = "closed", feet: Feet = "equal") -> mujoco.MjModel:
 
 def joints_from_crank(model: mujoco.MjModel) -> Array:
     """Return the map (nq - 7, 16) from crank coordinates to the hinges of `model`, as in `qpos`."""
-    return _from_crank([model.joint(i).name for i in range(1, model.njnt)])
-
-
-def motors_from_crank() -> Array:
-    """Return the map (16, 16) from crank to motor coordinates, in the order of `ctrl`."""
-    return _from_crank(MOTORS)
+    return from_crank([model.joint(i).name for i in range(1, model.njnt)])
 
 
 def crank_from_joints(model: mujoco.MjModel) -> Array:
@@ -86,12 +81,12 @@ def crank_from_joints(model: mujoco.MjModel) -> Array:
     names = [model.joint(i).name for i in range(1, model.njnt)]
     read = MOTORS if set(MOTORS) <= set(names) else names
     matrix = np.zeros((len(CRANK_JOINTS), len(names)))
-    matrix[:, [names.index(name) for name in read]] = np.linalg.inv(_from_crank(read))
+    matrix[:, [names.index(name) for name in read]] = np.linalg.inv(from_crank(read))
     return matrix
 
 
-def _from_crank(hinges: Sequence[str]) -> Array:
-    """Return the map (n, 16) from crank coordinates to n hinges."""
+def from_crank(hinges: Sequence[str]) -> Array:
+    """Return the map (n, 16) from crank coordinates to n hinges, such as MOTORS."""
     rules = {name: {name: 1.0} for name in CRANK_JOINTS}
     for side in SIDES:
         pitch, roll = f"{side}_hip_pitch", f"{side}_hip_roll"

@@ -114,6 +114,7 @@ class Bruce(Environment):
     previous control step, as observations do.
     """
 
+    model_file = "bruce.xml"
     substeps = 5
     command_limits = {
         name: (-most, most)
@@ -140,7 +141,7 @@ class Bruce(Environment):
         self.command = like.new_zeros(len(like), 2)
         self._expand = bruce.joints_from_crank(model)
         self._from_joints = torch.from_numpy(bruce.crank_from_joints(model)).to(like)
-        self._to_motors = torch.from_numpy(bruce.motors_from_crank()).to(like)
+        self._to_motors = torch.from_numpy(bruce.from_crank(bruce.MOTORS)).to(like)
         self._default = torch.from_numpy(bruce.DEFAULT_POSE).to(like)
         legs = bruce.NUM_LEG_JOINTS
         reach = [LEG_REACH] * legs + [ARM_REACH] * (16 - legs) + [VELOCITY_REACH] * 2
@@ -161,10 +162,6 @@ class Bruce(Environment):
         parts = zip(HISTORIES.items(), self._past.split(widths, -1), strict=True)
         self._histories = {name: part.unflatten(-1, size) for (name, size), part in parts}
         super().__init__(physics, options, seed, auto_reset)
-
-    @classmethod
-    def load_model(cls) -> mujoco.MjModel:
-        return bruce.load()
 
     @classmethod
     def model_for(cls, options: BruceOptions) -> mujoco.MjModel:
@@ -194,23 +191,15 @@ class Bruce(Environment):
         anchors[standing, :2] = -torch.from_numpy(poses[standing, POSITION][:, :2])
         device, like = self.physics.device, self.physics.qpos
         self._first = velocity.to(like), leg.to(device), *(x.to(like) for x in (anchors, *first))
-        rows = zip(poses, rates, standing, heights, strict=True)
-        return Starts([self._first_state(*row) for row in rows], self.physics)
-
-    def _first_state(
-        self, pose: np.ndarray, rate: np.ndarray, stands: bool, height: float
-    ) -> Start:
-        """Return the first state of a gait, or the default pose at `height` times that at rest."""
-        model, qpos = self.physics.model, self.initial_qpos()
-        qvel, ctrl = np.zeros(model.nv), np.zeros(model.nu)
-        crank = bruce.DEFAULT_POSE if stands else pose[JOINTS]
-        if stands:
-            qpos[2] *= height
-        else:
-            qpos[:3], qpos[7:] = pose[POSITION], self._expand @ crank
-            qvel[:3], qvel[6:] = rate[POSITION], self._expand @ rate[JOINTS]
-        ctrl[:16] = bruce.motors_from_crank() @ crank
-        return Start(qpos, qvel, ctrl)
+        rest, number, model = self.initial_qpos(), len(poses), self.physics.model
+        poses[standing, POSITION] = np.outer(heights, rest[:3])[standing]
+        poses[standing, JOINTS], rates[standing] = bruce.DEFAULT_POSE, 0.0
+        cranks, qpos = poses[:, JOINTS], np.tile(rest, (number, 1))
+        qpos[:, :3], qpos[:, 7:] = poses[:, POSITION], cranks @ self._expand.T
+        qvel, ctrl = np.zeros((number, model.nv)), np.zeros((number, model.nu))
+        qvel[:, :3], qvel[:, 6:] = rates[:, POSITION], rates[:, JOINTS] @ self._expand.T
+        ctrl[:, :16] = cranks @ bruce.from_crank(bruce.MOTORS).T
+        return Starts(map(Start, qpos, qvel, ctrl), self.physics)
 
     def vary_model(self, seed: int) -> Fields:
         drawn = super().vary_model(seed)
@@ -277,9 +266,7 @@ class Bruce(Environment):
         return exact + self.draws.uniform_(torch.empty_like(exact), -scale, scale)
 
     def observe(self) -> Tensor:
-        reference = self.reference
-        step = torch.stack([reference.leg.to(self.command), reference.phase], -1)
-
+        step = torch.stack([self.reference.leg.to(self.command), self.reference.phase], -1)
         past = {name: values.flatten(1) for name, values in self._histories.items()}
         motion = [past["gyro"], past["accelerometer"], self._rates, step]
         asked = [past["asked_joints"], past["asked_base"]]
@@ -320,14 +307,13 @@ class Bruce(Environment):
         qpos, torques = self.physics.qpos, self.physics.sensors[:, 6:]
         past = self._histories
         joints, actions = past["joints"], self._reach * past["actions"]
-        target_joints = past["asked_joints"][:, 1]
         position, attitude = self.reference.placed(past["asked_base"][:, 1])
         overlap = (qpos[:, 3:7] * attitude).sum(-1).abs().clamp(max=1.0)
         arms = joints[:, 0, legs:]
         swing = torch.cos(math.pi * (self.reference.phase + self.reference.leg))[:, None]
         shift, former_shift = actions[:, 0, 16:], actions[:, 1, 16:]
         differences = {
-            "gait": joints[:, 0, :legs] - target_joints[:, :legs],
+            "gait": joints[:, 0, :legs] - past["asked_joints"][:, 1, :legs],
             "base_position": qpos[:, :3] - position,
             "base_attitude": 2 * torch.acos(overlap)[:, None],
             "arm_swing": arms - (self._arm_middle + swing * self._arm_swing),
