@@ -1,7 +1,7 @@
 """Worlds that another library steps."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,6 +12,17 @@ from ..worlds.interface import TimeStep, Worlds
 
 ACTORS = ("actor", "policy")  # names of the group that a policy sees
 CRITIC = "critic"  # what only critics see
+
+
+class Outcome(NamedTuple):
+    """The outcome of one step of N worlds."""
+
+    seen: Tensor  # (N, O + P) after restarts, if there were any
+    final: Tensor  # (N, O + P) after the step, before any restart
+    terms: Tensor  # (N, terms)
+    failed: Tensor  # (N,) bool
+    timed_out: Tensor  # (N,) bool, not where a world has failed
+    blown_up: Tensor  # (N,) bool, those that have failed because they are not finite
 
 
 class ForeignWorlds(Worlds):
@@ -51,12 +62,8 @@ class ForeignWorlds(Worlds):
         """Start the worlds of a mask (N,); returns `seen` (N, O + P) with what critics see now."""
 
     @abstractmethod
-    def _advance(self, action: Tensor) -> tuple[Tensor, ...]:
-        """Step every world; with automatic reset, also restart those whose episode is over.
-
-        Returns what critics see (N, O + P) after restarts and before them, terms (N, terms), and
-        (N,) bool where worlds failed, timed out without failing, and failed as not finite.
-        """
+    def _advance(self, action: Tensor) -> Outcome:
+        """Step every world; with automatic reset, also restart those whose episode is over."""
 
     def restart(self, which: Tensor) -> Tensor:
         checks.mask(self, which)

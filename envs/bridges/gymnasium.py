@@ -15,7 +15,7 @@ from torch import Tensor
 from ..errors import MorlaxError, user_code
 from ..naming import GYMNASIUM
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
-from .foreign import ForeignWorlds
+from .foreign import ForeignWorlds, Outcome
 
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
 HALF = 2**30  # many environments take seeds below twice that only; evaluations have the upper half
@@ -141,7 +141,7 @@ class GymnasiumWorlds(ForeignWorlds):
         self.age.masked_fill_(which, 0)
         return torch.where(which[:, None], _in_float32(self._observation), seen)
 
-    def _advance(self, action: Tensor) -> tuple[Tensor, ...]:
+    def _advance(self, action: Tensor) -> Outcome:
         low, high = self.box.low / 2, self.box.high / 2  # halved, the sum cannot overflow
         boxes = action.clamp(-1, 1).nan_to_num().numpy().reshape(-1, *self.box.shape)
         controls = high + low + (high - low) * boxes  # which rounding may take out of the box
@@ -165,7 +165,7 @@ class GymnasiumWorlds(ForeignWorlds):
         failed |= blown_up
         timed_out = (timed_out | (self.age >= self.episode_length)) & ~failed
         seen = self._restart(failed | timed_out, final) if self.auto_reset else final
-        return seen, final, paid, failed, timed_out, blown_up
+        return Outcome(seen, final, paid, failed, timed_out, blown_up)
 
     def reseed(self, seed: int) -> None:
         super().reseed(seed)

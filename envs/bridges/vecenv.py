@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 from ..devices import drawing_from
 from ..errors import MorlaxError, user_code
 from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
-from .foreign import ForeignWorlds
+from .foreign import ForeignWorlds, Outcome
 
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
@@ -102,7 +102,7 @@ class VecEnvWorlds(ForeignWorlds):
         with drawing_from(self.generator):
             return self._features(self.env.reset())
 
-    def _advance(self, action: Tensor) -> tuple[Tensor, ...]:
+    def _advance(self, action: Tensor) -> Outcome:
         if self.interrupted:
             raise MorlaxError(
                 "these worlds have been moved by others that share their environment, such as an "
@@ -122,7 +122,7 @@ class VecEnvWorlds(ForeignWorlds):
         dones = self._column("dones", dones).bool() | blown_up
         late = self._column("time_outs", extras.get("time_outs", torch.zeros_like(dones))).bool()
         timed_out = late & dones & ~blown_up
-        return seen, seen, paid, dones & ~timed_out, timed_out, blown_up
+        return Outcome(seen, seen, paid, dones & ~timed_out, timed_out, blown_up)
 
     def _column(self, name: str, value: Any) -> Tensor:
         """Return the first N numbers of `value` if it has one for each world of the environment."""

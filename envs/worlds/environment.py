@@ -30,9 +30,12 @@ class Environment(Robot):
     """N worlds of one MuJoCo robot with several objectives.
 
     A subclass defines the observation, the mapping from actions to control, named reward terms,
-    failure and the initial state. Derived quantities come from sensors, which lag one physics step
-    behind `qpos` and `qvel`. A world whose action, state, observation or reward leaves sane bounds
-    (see `episodes.end`) terminates with zero reward; the other worlds are unaffected.
+    failure and the initial state. `options` combine the terms into objectives. Derived quantities
+    come from sensors, which lag one physics step behind `qpos` and `qvel`.
+
+    A world whose episode ends is reset within the same step if `auto_reset`. A world whose action,
+    state, observation or reward leaves sane bounds (see `episodes.end`) terminates with zero
+    reward; the other worlds are unaffected.
     """
 
     Options: ClassVar[type[TaskOptions]]

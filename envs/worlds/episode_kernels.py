@@ -3,7 +3,7 @@
 import torch
 import warp as wp
 
-from .episodes import MAX_POSITION, MAX_VELOCITY
+from .episodes import MAX_POSITION, MAX_VELOCITY, Ends
 
 wp.set_module_options({"enable_backward": False})
 FINITE = wp.constant(3.4028234663852886e38)  # the largest number in single precision
@@ -95,9 +95,9 @@ def _restart(
         age[world] = 0
 
 
-def end(physics, action, observation, failed, length, age, reward, terms, blowups) -> list:
+def end(physics, action, observation, failed, length, age, reward, terms, blowups) -> Ends:
     """`episodes.end`."""
-    ends = [torch.empty_like(failed) for _ in range(4)]
+    ends = Ends(*(torch.empty_like(failed) for _ in Ends._fields))
     # a reduction of torch reads wide rows much faster than one thread per world would
     largest = torch.linalg.vector_norm(observation, torch.inf, dim=-1)
     before = [physics.qpos, physics.qvel, action.float(), largest, failed]

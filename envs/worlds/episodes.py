@@ -113,6 +113,15 @@ class Loops:
         return data.efc_pos.copy(), data.efc_J.reshape(-1, self._model.nv).copy()
 
 
+class Ends(NamedTuple):
+    """How a control step left N worlds."""
+
+    terminated: Tensor  # (N,) bool: failed or blown up
+    truncated: Tensor  # (N,) bool: time ran out
+    over: Tensor  # (N,) bool: terminated or truncated
+    blown_up: Tensor  # (N,) bool: no longer within sane bounds
+
+
 def end(
     physics: Physics,  # after the step
     action: Tensor,  # (N, A)
@@ -123,11 +132,8 @@ def end(
     reward: Tensor,  # (N, m), set to zero in place where a world blew up
     terms: Tensor,  # (N, terms), likewise
     blowups: Tensor,  # () int64, incremented in place by the number of blown-up worlds
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+) -> Ends:
     """Decide which episodes end with the last control step.
-
-    Returns, (N,) bool each, where they terminated (failed or blew up), were truncated (time ran
-    out), are over (terminated or truncated), and blew up (left sane bounds).
 
     A world has blown up if a number of its action, observation or reward is not finite, or if its
     state exceeds MAX_POSITION or MAX_VELOCITY. MuJoCo itself warns only above 1e10, but a reward
@@ -143,7 +149,7 @@ def end(
     terms.masked_fill_(blown_up[:, None], 0.0)
     age += 1
     terminated, timed_out = failed | blown_up, age >= length
-    return terminated, timed_out & ~terminated, terminated | timed_out, blown_up
+    return Ends(terminated, timed_out & ~terminated, terminated | timed_out, blown_up)
 
 
 def restart(physics: Physics, over: Tensor, starts: Sequence[Tensor], age: Tensor) -> None:

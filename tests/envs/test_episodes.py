@@ -35,13 +35,12 @@ def test_the_kernels_are_their_definitions(seed):
         action[7, 2], observation[9, 8], reward[11, 1] = float("nan"), float("inf"), float("nan")
         reached = failed, 500, env.age
         ends = module.end(env.physics, action, observation, *reached, reward, terms, env.blowups)
-        terminated, truncated, over, blown_up = ends
-        assert terminated.any() and truncated.any()
-        assert blown_up.nonzero().flatten().tolist() == [3, 5, 7, 9, 11, 13, 15]
-        assert (reward[blown_up] == 0).all() and (terms[blown_up] == 0).all()
-        assert torch.equal(over, terminated | truncated)
+        assert ends.terminated.any() and ends.truncated.any()
+        assert ends.blown_up.nonzero().flatten().tolist() == [3, 5, 7, 9, 11, 13, 15]
+        assert (reward[ends.blown_up] == 0).all() and (terms[ends.blown_up] == 0).all()
+        assert torch.equal(ends.over, ends.terminated | ends.truncated)
         starts = env.starts.draw(env.draws)
-        module.restart(env.physics, over, starts, env.age)
+        module.restart(env.physics, ends.over, starts, env.age)
         results.append([*ends, reward, terms, *env.state_dict().values()])
     for expected, found in zip(*results, strict=True):
         torch.testing.assert_close(found, expected, rtol=0, atol=0, equal_nan=True)

@@ -18,7 +18,7 @@ from ...errors import MorlaxError
 from ...physics import compiling
 from ...worlds.mirror import Mirror
 from ...worlds.options import Count, Objectives, Point
-from ..foreign import ForeignWorlds
+from ..foreign import ForeignWorlds, Outcome
 from . import following
 from .commands import MOTION, VELOCITY
 from .config import EFFORT, MjlabOptions, changed, load
@@ -152,7 +152,7 @@ class MjlabWorlds(ForeignWorlds):
             self._step.settle()
         return torch.where(which[:, None], self._history.restart(which, self._joined(groups)), seen)
 
-    def _advance(self, action: Tensor) -> tuple[Tensor, ...]:
+    def _advance(self, action: Tensor) -> Outcome:
         env, scaled = self.env, action.clamp(-1, 1) * self.options.action_scale
         if isinstance(self._measures, following.Following):
             self._measures.look()
@@ -173,7 +173,7 @@ class MjlabWorlds(ForeignWorlds):
             seen = self._restart(over, seen)  # mjlab steps no world whose episode is over
         terms = env.reward_manager._step_reward * self._time_step
         blown_up = env.termination_manager.get_term(BLOWN_UP).clone()
-        return seen, final, terms, failed, timed_out, blown_up
+        return Outcome(seen, final, terms, failed, timed_out, blown_up)
 
 
 class SharedDraws(TorchDispatchMode):
