@@ -185,6 +185,10 @@ class Biped(Crowd):
         return self.physics.qpos[:, 2] < 0.2
 
 
+class Long(Biped.Options):
+    episode_length: int = 1000
+
+
 def mirror_of(*edits: Callable[[ElementTree.Element], object], **methods: object) -> Mirror:
     root = ElementTree.fromstring(BIPED)
     for edit in edits:
@@ -290,6 +294,29 @@ def test_a_task_with_a_command_is_refused_also_where_the_command_changes_late():
     limits = {"m/s to the left": (-1.0, 1.0)}
     with pytest.raises(MorlaxError, match="it follows a command: set "):
         mirror_of(initial_state=state, observe=observe, command_limits=limits)
+
+
+def test_a_number_that_stays_zero_until_late_in_an_episode_is_mirrored_as_it_is_then():
+    def observe(env: Biped) -> torch.Tensor:
+        late = (env.age >= 500)[:, None]
+        return torch.cat([Biped.observe(env), env.physics.qvel[:, :2] * late], -1)
+
+    assert mirror_of(observe=observe, Options=Long).observation.sign[-2:].tolist() == [1, -1]
+
+
+def test_ball_joints_are_refused_by_name():
+    ball = '<body name="caster"><joint type="ball"/><geom size=".02" pos="0 0 -.1"/></body>'
+
+    def add(root: ElementTree.Element) -> None:
+        root.find(".//body[@name='torso']").append(ElementTree.fromstring(ball))
+
+    with pytest.raises(MorlaxError, match="since it has ball joints"):
+        mirror_of(add)
+
+
+def test_a_robot_that_faces_another_way_is_told_where_left_and_right_are():
+    with pytest.raises(MorlaxError, match=r"no mirrored partner .* those of y = 0"):
+        mirror_of(put("body", "left_thigh", pos=".2 .08 -.1"))
 
 
 NETWORKS = {name: task_values(name, "cuda").get("network", {}) for name in envs.names()}
