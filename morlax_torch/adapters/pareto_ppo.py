@@ -74,7 +74,8 @@ class ParetoPPO(PPO):
         split = options.objectives, options.guide
         bind = cache(lambda: ObjectiveRewards(terms_of(env, options.terms), *split))
         # a script that plays may switch rewards off, such as Genesis' go2_eval.py
-        names = [*(options.objectives or (bind().objectives if options.terms else SIGNS))]
+        names = options.objectives
+        names = [*((bind().objectives if options.terms else SIGNS) if names is None else names)]
         try:
             check_objectives(names)
         except ValueError as error:
