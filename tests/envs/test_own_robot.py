@@ -6,16 +6,19 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 import torch
 import yaml
 from tiny import TYPED, tiny
+from web_robots import wedge
 
 from morlax_torch import MorlaxError, envs, load
 from morlax_torch.commands import evaluate, explore, export, pack, record, train
 from morlax_torch.commands.terminal import arguments
 from morlax_torch.envs.errors import MorlaxWarning
+from morlax_torch.envs.external import parts_of
 from morlax_torch.evaluation.front import Front
 from morlax_torch.exports.exporting import manifest
 from morlax_torch.runs.references import copy_files
@@ -197,6 +200,19 @@ def test_a_task_s_model_travels_with_its_parts(folder, tmp_path_factory):
         file.write("#" * 21 * 2**20)
     copy_files(tiny(f"{run}/task/tasks/robot.py:Crawler"), folder / "new")
     assert not (folder / "new").exists()
+
+
+def test_meshes_of_a_urdf_travel_with_its_task(folder):
+    (folder / "meshes").mkdir()
+    (folder / "meshes" / "a.stl").write_bytes(wedge())
+    (folder / "arm.urdf").write_text(
+        '<robot name="arm"><mujoco><compiler meshdir="meshes"/></mujoco><link name="base">'
+        '<collision><geometry><mesh filename="a.stl"/></geometry></collision></link></robot>'
+    )
+    (folder / "arm.py").write_text('model_file = "arm.urdf"')
+    assert mujoco.MjModel.from_xml_path(str(folder / "arm.urdf")).nmesh == 1
+    found = {str(part.relative_to(folder)) for part in parts_of(folder / "arm.py")}
+    assert found == {"arm.py", "arm.urdf", "meshes/a.stl"}
 
 
 def test_the_command_line_accepts_a_custom_task_s_options(folder):
