@@ -86,6 +86,21 @@ class Mirror(NamedTuple):
     action: Reflection  # of the A numbers
 
 
+def checked(mirror: Any, worlds: Any) -> Mirror:
+    """Return a task's mirror, if every number seen in it twice is what it was."""
+    (seen, acted), O, A = mirror, worlds.observation_size, worlds.action_size
+    whole = seen, O + worlds.privileged_size, "observation"
+    for (order, sign), size, what in (whole, (seen.first(O), O, whole[2]), (acted, A, "action")):
+        places = order.tolist()
+        twice = [places[place] for place in places] if set(places) == {*range(size)} else []
+        if twice != [*range(size)] or not (sign * sign[order] == 1).all():
+            raise MorlaxError(
+                f"{type(worlds).__name__}.mirror() is wrong: mirrored twice, each of the {size} "
+                f"numbers of an {what} must be what it was."
+            )
+    return Mirror(seen, acted)
+
+
 class Motion(NamedTuple):
     """The reflections of a model's state and control."""
 

@@ -74,6 +74,21 @@ def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constan
     torch.testing.assert_close(policy(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
 
 
+@pytest.mark.parametrize(
+    ("mirror", "words"),
+    [
+        (Mirror(SEEN.first(11), ACTED), "each of the 13 numbers of an observation"),
+        (Mirror(Reflection.of([*range(1, 13), 0], [1] * 13), ACTED), "each of the 13 numbers"),
+        (Mirror(SEEN, ACTED._replace(sign=SEEN.sign[3:7])), "4 numbers of an action"),
+        (SEEN, "fails: "),  # one reflection alone
+    ],
+)
+def test_a_task_s_own_mirror_is_refused_unless_two_of_it_change_nothing(mirror, words):
+    envs.registry._REGISTRY["odd"] = type("Odd", (Mirrored,), {"mirror": lambda env: mirror})
+    with pytest.raises(MorlaxError, match=rf"Odd\.mirror\(\) .*{words}"):
+        learner(tiny("odd", **{"network.symmetric": True}))
+
+
 @pytest.mark.parametrize(("format", "tradeoff"), [("torchscript", (0.5, 0.5)), ("onnx", None)])
 def test_symmetric_policies_can_be_exported(tmp_path, format, tradeoff):
     morlax = learner(tiny("mirrored", **{"network.symmetric": True}), iterations=2)
