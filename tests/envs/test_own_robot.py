@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pytest
@@ -202,17 +203,32 @@ def test_a_task_s_model_travels_with_its_parts(folder, tmp_path_factory):
     assert not (folder / "new").exists()
 
 
-def test_meshes_of_a_urdf_travel_with_its_task(folder):
-    (folder / "meshes").mkdir()
-    (folder / "meshes" / "a.stl").write_bytes(wedge())
-    (folder / "arm.urdf").write_text(
-        '<robot name="arm"><mujoco><compiler meshdir="meshes"/></mujoco><link name="base">'
-        '<collision><geometry><mesh filename="a.stl"/></geometry></collision></link></robot>'
-    )
-    (folder / "arm.py").write_text('model_file = "arm.urdf"')
-    assert mujoco.MjModel.from_xml_path(str(folder / "arm.urdf")).nmesh == 1
-    found = {str(part.relative_to(folder)) for part in parts_of(folder / "arm.py")}
-    assert found == {"arm.py", "arm.urdf", "meshes/a.stl"}
+HILLS = '<asset><hfield name="hills" file="hills.png" size="9 9 1 1"/></asset>'
+GROUND = '<worldbody><geom type="hfield" hfield="hills"/></worldbody>'
+LINK = (
+    '<link name="base"><collision><geometry><mesh filename="a.stl"/></geometry></collision></link>'
+)
+
+
+@pytest.mark.parametrize(
+    ("model", "text", "part"),
+    [
+        ("arm.urdf", f'<robot name="arm"><mujoco>{{}}</mujoco>{LINK}</robot>', "a.stl"),
+        ("arm.xml", f"<mujoco>{{}}{HILLS}{GROUND}</mujoco>", "hills.png"),
+    ],
+)
+def test_meshes_of_a_urdf_and_height_fields_travel_with_their_task(folder, model, text, part):
+    (folder / "assets").mkdir()
+    (folder / "assets" / "a.stl").write_bytes(wedge())
+    plt.imsave(folder / "assets" / "hills.png", np.eye(4))
+    (folder / model).write_text(text.format('<compiler meshdir="assets"/>'))
+    (folder / "arm.py").write_text(f'model_file = "{model}"')
+    found = {str(file.relative_to(folder)) for file in parts_of(folder / "arm.py")}
+    assert found == {"arm.py", model, f"assets/{part}"}
+    mujoco.MjModel.from_xml_path(str(folder / model))
+    (folder / "assets" / part).unlink()
+    with pytest.raises(ValueError, match=part):  # which it needs
+        mujoco.MjModel.from_xml_path(str(folder / model))
 
 
 def test_the_command_line_accepts_a_custom_task_s_options(folder):
