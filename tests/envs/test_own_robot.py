@@ -319,6 +319,9 @@ MISTAKES = {  # lines at the end of the class
     "def layout(self): return [Part('all', 3, '')]": (
         "layout() names 3 numbers, but observe() gives 9"
     ),
+    "command_limits = {'m/s': (1, -1)}": "must have the lowest and the highest value of each",
+    "command_limits = {'m/s': 1}": "must have the lowest and the highest value of each number",
+    "command_limits = ['m/s']": "must have the lowest and the highest value of each number",
     "command_limits = {'m/s': (-1, 1)}": (
         "Crawler.command has type NoneType and shape (): it must be a tensor (3, 1)"
     ),
