@@ -117,6 +117,9 @@ def parts_of(file: Path, *more: str) -> list[Path]:
         if path.lower().endswith(MODELS) and os.path.isfile(path):
             with suppress(Exception):  # not a model; MuJoCo says so when it is loaded
                 assets = mujoco.mju_getXMLDependencies(path)
+                spec = mujoco.MjSpec.from_file(path)  # for a URDF and height fields
+                named = [*spec.meshes, *spec.hfields]
+                assets = [*assets, *(os.path.join(spec.meshdir, x.file) for x in named)]
         for part in (path, *(os.path.join(os.path.dirname(path), asset) for asset in assets)):
             if os.path.isfile(part):  # unlike Path.is_file, it never fails
                 parts[Path(os.path.normpath(part))] = None

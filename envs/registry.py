@@ -62,6 +62,11 @@ def get(name: str) -> "type[Worlds]":
         register(name, _imported("external:from_entry_point")(name))
     if task := _registered(name):
         return task
+    if name.lower().endswith((".xml", ".mjcf", ".urdf")):
+        raise MorlaxError(
+            f"{name} is a robot without a task: `morlax new {name}` writes a first draft of one, "
+            "FILE.py:CLASS."
+        )
     raise unknown("environment", name, names())
 
 

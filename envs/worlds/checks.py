@@ -41,9 +41,22 @@ def start(env: Any) -> np.ndarray:
 def state(env: Any) -> dict[str, Tensor]:
     """Return the command and `initial_state()`, if these are tensors (N, ...)."""
     tensors, N, limits = by_name(env, "initial_state"), env.num_worlds, len(env.command_limits)
+    try:
+        pairs = [(low, high) for low, high in env.command_limits.values()]
+        plain = all(isinstance(number, int | float) for pair in pairs for number in pair)
+        ordered = plain and all(low < high for low, high in pairs)
+    except (AttributeError, TypeError, ValueError):
+        ordered = False
+    if not ordered:
+        example, task = {"m/s forward": (-1.0, 1.0)}, type(env).__name__
+        raise MorlaxError(
+            f"{task}.command_limits must have the lowest and the highest value of each number by "
+            f"name, such as {example}, not {env.command_limits}."
+        )
     command: Any = tensors.get("command", getattr(env, "command", None))
-    if limits and _shape(command) != (N, limits):
-        raise _wrong(env, "command", command, f"a tensor ({N}, {limits}), as in command_limits")
+    if limits and (_shape(command) != (N, limits) or not command.is_floating_point()):
+        expected = f"a tensor ({N}, {limits}) of floats, as in command_limits"
+        raise _wrong(env, "command", command, expected)
     if _shape(command)[:1] == (N,):
         env.command = tensors["command"] = command
     return State(tensors)

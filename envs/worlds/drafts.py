@@ -23,7 +23,11 @@ class Draft:
             self.model = model = mujoco.MjSpec.from_file(str(path)).compile()
         if not model.nu:
             motor = '<actuator><motor joint="hip" ctrlrange="-20 20"/></actuator>'
-            raise MorlaxError(f"{path} has no actuators: add them for its joints, such as {motor}.")
+            urdf = path.suffix.lower() == ".urdf"
+            first = "save it as an MJCF, mujoco.MjSpec.from_file(...).to_file(...), and " * urdf
+            raise MorlaxError(
+                f"{path} has no actuators: {first}add them for its joints, such as {motor}."
+            )
         if model.nu != len(model.actuator_trntype):
             raise MorlaxError(
                 f"{path} has actuators with several controls, such as <orientation>: write its "

@@ -86,6 +86,21 @@ class Mirror(NamedTuple):
     action: Reflection  # of the A numbers
 
 
+def checked(mirror: Any, worlds: Any) -> Mirror:
+    """Return a task's mirror, if every number seen in it twice is what it was."""
+    (seen, acted), O, A = mirror, worlds.observation_size, worlds.action_size
+    whole = seen, O + worlds.privileged_size, "observation"
+    for (order, sign), size, what in (whole, (seen.first(O), O, whole[2]), (acted, A, "action")):
+        places = order.tolist()
+        twice = [places[place] for place in places] if set(places) == {*range(size)} else []
+        if twice != [*range(size)] or not (sign * sign[order] == 1).all():
+            raise MorlaxError(
+                f"{type(worlds).__name__}.mirror() is wrong: mirrored twice, each of the {size} "
+                f"numbers of an {what} must be what it was."
+            )
+    return Mirror(seen, acted)
+
+
 class Motion(NamedTuple):
     """The reflections of a model's state and control."""
 
@@ -140,13 +155,16 @@ def partners(positions: Array, names: Sequence[str], barred: Array | float = 0.0
     for i, k in enumerate(order):
         if order[k] != i or apart[i, k] >= NEAR:
             raise MorlaxError(
-                f"{names[i]} has no mirrored partner on the robot: set network.symmetric to false."
+                f"{names[i]} has no mirrored partner on the robot, whose left and right are those "
+                "of y = 0: set network.symmetric to false."
             )
     return order.tolist()
 
 
 def _motion(model: mujoco.MjModel) -> Motion:
     data = posed(model)
+    if (model.jnt_type == mjtJoint.mjJNT_BALL).any():
+        raise _cannot("it has ball joints, whose mirror image is not known")
     joints = np.flatnonzero(model.jnt_type >= int(mjtJoint.mjJNT_SLIDE))
     slides = model.jnt_type[joints, None] == mjtJoint.mjJNT_SLIDE
     axes = data.xaxis[joints]
@@ -389,6 +407,9 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
     for start, change in zip(physics.qpos.numpy(), shift.numpy(), strict=False):
         mujoco.mj_integratePos(physics.model, start, change, 1.0)
     physics.qvel[:PAIRS] = speed
+    # of a whole episode, as far as it goes: some observations change late
+    ages = torch.linspace(0, max(worlds.episode_length - STEPS, 0), PAIRS).int()
+    worlds.age.copy_(ages.repeat(2))
     seen, earned = [], []
     for _ in range(STEPS):
         action = draw(PAIRS, worlds.action_size)

@@ -40,8 +40,8 @@ class ParetoPpoCfg(RslRlPpoAlgorithmCfg):
     """The options of `ParetoPPO`, which `ParetoOptions` explains."""
 
     class_name: str = "morlax_torch.rsl_rl:ParetoPPO"
-    objectives: dict[str, dict[str, float]] = field(default_factory=dict)
-    guide: dict[str, float] = field(default_factory=dict)
+    objectives: dict[str, dict[str, float]] = field(kw_only=True)
+    guide: dict[str, float] = field(kw_only=True)
     tradeoffs: int = DEFAULTS["tradeoffs"].default
     features: int = DEFAULTS["features"].default
     evaluation_worlds: int = DEFAULTS["evaluation_worlds"].default

@@ -10,7 +10,7 @@ from ..envs.errors import validated
 from ..envs.worlds.options import Objectives
 
 FILE = "MORLAX_PARETO"  # environment variable: a YAML file of `ParetoOptions`
-UNSET = (None, {}, (), [], "")  # values of options that a host leaves to us
+UNSET = (None, (), [], "")  # values of options that a host leaves to us
 
 
 class ParetoOptions(BaseModel):
@@ -22,8 +22,8 @@ class ParetoOptions(BaseModel):
     """Per objective, the factor of each of its reward terms, as the host pays them; names may be
     patterns such as track_*. None: all positive terms, rewards, against the negative, costs."""
     guide: dict[str, float] | None = None
-    """Factors of the terms that every trade-off learns from. None: the terms that no objective has;
-    without objectives, all terms."""
+    """Factors of the terms that every trade-off learns from; {}: nothing. None: the terms that no
+    objective has; without objectives, all terms."""
     terms: str | None = None
     """MODULE:FUNCTION, which maps the environment to its reward terms of the last step, name ->
     (N,), or any before the first one; for hosts without a reward manager or reward functions."""

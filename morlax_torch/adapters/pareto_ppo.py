@@ -1,9 +1,11 @@
 """rsl_rl's own PPO for a family of policies: one hypernetwork for every trade-off."""
 
+import math
 import os
 from functools import cache
 from typing import Any
 
+import numpy as np
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.extensions import resolve_symmetry_config
@@ -74,7 +76,8 @@ class ParetoPPO(PPO):
         split = options.objectives, options.guide
         bind = cache(lambda: ObjectiveRewards(terms_of(env, options.terms), *split))
         # a script that plays may switch rewards off, such as Genesis' go2_eval.py
-        names = [*(options.objectives or (bind().objectives if options.terms else SIGNS))]
+        names = options.objectives
+        names = [*((bind().objectives if options.terms else SIGNS) if names is None else names)]
         try:
             check_objectives(names)
         except ValueError as error:
@@ -207,6 +210,14 @@ class ParetoPPO(PPO):
         manager = self._env.unwrapped.command_manager if "motion_file" in fields else None
         for term in map(manager.get_term, manager.active_terms) if manager else ():
             if file := getattr(term.cfg, "motion_file", ""):  # mjlab adds no stand at its end
+                rate = 1 / self._env.unwrapped.step_dt
+                fps = float(np.ravel(np.load(file).get("fps", rate))[0])
+                if not math.isclose(fps, rate, rel_tol=1e-3):
+                    raise MorlaxError(
+                        f"{file} has {fps:g} frames per second, of which mjlab plays {rate:g}: "
+                        f"write one with csv_to_npz --output-fps {rate:g} of mjlab, or train with "
+                        "morlax, which interpolates."
+                    )
                 longest = min(task["episode_length"], term.motion.time_step_total - 1)
                 task |= {"motion_file": file, "motion_stand": 0.0, "episode_length": longest}
         return load_config(

@@ -72,7 +72,7 @@ class RslRlVecEnv(VecEnv):
     @property
     def episode_length_buf(self) -> Tensor:
         """Control steps of each world's current episode, (N,); writable, to shift time limits."""
-        return self._worlds.age.long()
+        return self._worlds.age
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: Tensor) -> None:

@@ -12,6 +12,8 @@ from ..configuration.config import Config
 from ..configuration.tradeoffs import even_tradeoffs, sample_cells, sample_tradeoffs
 from ..envs import MorlaxError, Worlds
 from ..envs.devices import restore_generator, seed_of
+from ..envs.errors import user_code
+from ..envs.worlds.mirror import checked
 from ..gpu.graph import Graph
 from ..gpu.group import ALONE, Group
 from ..networks.agent import Agent
@@ -25,7 +27,9 @@ def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
         if config.network.symmetric:
             # a tolerance only if there is one: tasks may override `mirror` without
             tolerance = config.network.symmetry_tolerance
-            networks["mirror"] = env.mirror(tolerance) if tolerance else env.mirror()
+            with user_code(f"{type(env).__name__}.mirror() fails"):
+                found = env.mirror(tolerance) if tolerance else env.mirror()
+                networks["mirror"] = checked(found, env)
         return Agent(config, env, generator, **networks).to(env.device)
 
 

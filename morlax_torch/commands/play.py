@@ -8,10 +8,12 @@ from typing import Annotated
 from pydantic import NonNegativeInt
 from rich.table import Column, Table
 
+from ..envs import MorlaxError
 from ..envs.worlds.options import Section
 from .terminal import cli
 from .terminal.arguments import Positional, arg, parse
 
+NOT_IN_TOUR = "episodes", "output", "gamepad", "delay", "noise", "push", "friction", "seed"
 Pair = Annotated[tuple[float, float], arg(metavar="LOW HIGH")]
 
 
@@ -59,6 +61,10 @@ class Play(Section):
 
 def command(arguments: Sequence[str]) -> None:
     options = parse(Play, arguments)
+    for name in NOT_IN_TOUR if options.tour else ("tour_runs",):
+        if getattr(options, name) != Play.model_fields[name].default:
+            flag, where = name.replace("_", "-"), "in" if options.tour else "without"
+            raise MorlaxError(f"--{flag} has no effect {where} a tour (--tour): leave it out.")
     from ..viewers.playing.episodes import HELP, SLIDING, film, has_display, run, show
     from ..viewers.playing.robot import Disturbances, open_export
 

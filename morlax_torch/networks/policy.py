@@ -1,7 +1,8 @@
 """A trained family of policies, as other programs use it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Self
+from functools import wraps
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -15,6 +16,17 @@ from ..envs import MorlaxError, Robot
 from ..envs.errors import shortened
 from ..envs.worlds.design_space import DesignSpace
 from .agent import Agent, SpecializedPolicy
+
+
+def _without_autocast(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a method of a policy compute in float32, also in a user's `torch.autocast`."""
+
+    @wraps(method)
+    def in_float32(self: Any, *arguments: Any, **named: Any) -> Any:
+        with torch.autocast(self.device.type, enabled=False):
+            return method(self, *arguments, **named)
+
+    return in_float32
 
 
 class Policy(nn.Module):
@@ -45,6 +57,7 @@ class Policy(nn.Module):
         return super()._apply(fn, recurse)
 
     @torch.no_grad()
+    @_without_autocast
     def forward(
         self, observation: Tensor | ArrayLike, tradeoff: Tensor | Sequence[float]
     ) -> Tensor:
@@ -131,6 +144,7 @@ class Policy(nn.Module):
     def device(self) -> torch.device:
         return self.agent.observation_normalizer.mean.device
 
+    @_without_autocast
     def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
         """Return a plain module for one trade-off (m,), with normalizer and tanh inside."""
         fixed = self.agent.specialize(one_tradeoff(tradeoff, self.objectives, self.device))

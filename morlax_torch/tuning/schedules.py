@@ -62,8 +62,9 @@ class Scheduler:
             raise MorlaxError(f"{policy.config.env} does not tell how long a control step takes.")
         if env.follows_part:
             raise MorlaxError(
-                "the run's episodes are parts of its motion, whose phase a trade-off over time "
-                "follows: train with --task.episode-length, the motion's control steps less one."
+                "the run's episodes are parts of its motion, or of several, but a trade-off over "
+                "time follows the phase of one: train with one motion, and --task.episode-length, "
+                "its control steps less one."
             )
         self._windows: dict[str, tuple[int, float, float]] = {}  # value, start, end by name
         # of a value that is named in two ways, the strictest requirement comes last

@@ -10,7 +10,7 @@ import pytest
 import torch
 from motions import write_squat
 
-from morlax_torch import load
+from morlax_torch import MorlaxError, load
 from morlax_torch.__main__ import command
 from morlax_torch.exports.exporting import export
 from morlax_torch.rsl_rl import specialize
@@ -116,6 +116,9 @@ def test_a_checkpoint_of_a_tracking_twin_follows_its_motion(monkeypatch, tmp_pat
     assert policy.config.task.episode_length == 99  # the motion has 100 frames, as in mjlab
     robot = Session(policy, None).player
     assert robot.ghost is not None and robot.env.episode_length == 99
+    motion = {"--env.commands.motion.motion-file": write_squat(tmp_path / "fast.npz", fps=60)}
+    with pytest.raises(MorlaxError, match="60 frames per second, of which mjlab plays 50"):
+        run_train(monkeypatch, twin, tmp_path / "others", **PARETO, **motion)
 
 
 def test_one_flag_and_a_file_train_a_front_in_a_task_of_mjlab(monkeypatch, tmp_path):

@@ -399,6 +399,7 @@ def test_a_function_reads_the_terms_of_any_other_host():
         ({"evaluation_worlds": 12}, "must be a multiple of 8"),
         ({"objectives": {"a": {"trak_x": 1.0}, "b": {"effort": 1.0}}}, "did you mean 'track_x'"),
         ({"objectives": {"a": {"effort": 1.0}}}, "at least two objectives"),
+        ({"objectives": {}}, "at least two objectives"),
         ({"rnd_cfg": {"weight": 1.0}}, "remove rnd_cfg"),
         ({"optimizer": "rmsprop"}, "set optimizer to adam"),
         ({"tradeofs": 8}, "tradeofs"),
@@ -455,6 +456,19 @@ def test_a_file_holds_the_options_where_the_host_takes_none(monkeypatch, tmp_pat
     monkeypatch.setenv("MORLAX_PARETO", str(file))
     runner = make()
     assert runner.alg.objectives == ["near", "far"] and runner.alg.storage.tradeoffs == 4
+
+
+def test_an_empty_guide_leads_to_nothing_in_a_section_as_in_a_file(monkeypatch, tmp_path):
+    def guide(**options: Any) -> dict[str, float]:
+        runner = learn(make(**options), 1)
+        return runner.alg._rewards.guide
+
+    only = {"objectives": {"x": {"track_x": 1.0}, "y": {"track_y": 1.0}}}
+    assert guide(**only) == {"effort": 1.0}  # the term that no objective has
+    assert guide(**only, guide={}) == {}
+    (tmp_path / "pareto.yaml").write_text("guide: {}")
+    monkeypatch.setenv("MORLAX_PARETO", str(tmp_path / "pareto.yaml"))
+    assert guide(**only) == {}
 
 
 @pytest.mark.slow

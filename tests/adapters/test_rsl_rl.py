@@ -58,3 +58,5 @@ def test_episodes_can_start_at_any_step_and_log_writers_get_the_arguments():
     ends = [env.step(torch.zeros(4, 6))[2].nonzero().squeeze(-1).tolist() for _ in range(9)]
     assert ends == [[3], [], [2], [], [], [1], [], [], [0]]
     assert env.episode_length_buf.tolist() == [0, 3, 6, 8]
+    env.episode_length_buf[1:3] = 8  # as in Isaac Lab, also in place
+    assert env.step(torch.zeros(4, 6))[2].tolist() == [0, 1, 1, 1]

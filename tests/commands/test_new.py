@@ -153,6 +153,13 @@ def test_models_that_cannot_be_trained_are_refused(part, text, words, folder, re
     assert re.search(words, refused(new, "odd.xml"))
 
 
+def test_a_robot_without_a_task_and_a_urdf_are_told_what_to_write(folder, refused):
+    text = refused(train, "--env", "my-walker.xml", *TYPED)
+    assert "a robot without a task: `morlax new my-walker.xml` writes" in text
+    Path("link.urdf").write_text('<robot name="link"><link name="base"/></robot>')
+    assert "no actuators: save it as an MJCF, mujoco.MjSpec" in refused(new, "link.urdf")
+
+
 def test_a_robot_that_blows_up_is_reported(folder):
     violent = WALKER.format(**PARTS | {"actuator": '<velocity joint="hip" kv="1e4"/>'})
     Path("violent.xml").write_text(violent)

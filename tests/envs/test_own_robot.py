@@ -6,16 +6,20 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import matplotlib.pyplot as plt
+import mujoco
 import numpy as np
 import pytest
 import torch
 import yaml
 from tiny import TYPED, tiny
+from web_robots import wedge
 
 from morlax_torch import MorlaxError, envs, load
 from morlax_torch.commands import evaluate, explore, export, pack, record, train
 from morlax_torch.commands.terminal import arguments
 from morlax_torch.envs.errors import MorlaxWarning
+from morlax_torch.envs.external import parts_of
 from morlax_torch.evaluation.front import Front
 from morlax_torch.exports.exporting import manifest
 from morlax_torch.runs.references import copy_files
@@ -199,6 +203,34 @@ def test_a_task_s_model_travels_with_its_parts(folder, tmp_path_factory):
     assert not (folder / "new").exists()
 
 
+HILLS = '<asset><hfield name="hills" file="hills.png" size="9 9 1 1"/></asset>'
+GROUND = '<worldbody><geom type="hfield" hfield="hills"/></worldbody>'
+LINK = (
+    '<link name="base"><collision><geometry><mesh filename="a.stl"/></geometry></collision></link>'
+)
+
+
+@pytest.mark.parametrize(
+    ("model", "text", "part"),
+    [
+        ("arm.urdf", f'<robot name="arm"><mujoco>{{}}</mujoco>{LINK}</robot>', "a.stl"),
+        ("arm.xml", f"<mujoco>{{}}{HILLS}{GROUND}</mujoco>", "hills.png"),
+    ],
+)
+def test_meshes_of_a_urdf_and_height_fields_travel_with_their_task(folder, model, text, part):
+    (folder / "assets").mkdir()
+    (folder / "assets" / "a.stl").write_bytes(wedge())
+    plt.imsave(folder / "assets" / "hills.png", np.eye(4))
+    (folder / model).write_text(text.format('<compiler meshdir="assets"/>'))
+    (folder / "arm.py").write_text(f'model_file = "{model}"')
+    found = {str(file.relative_to(folder)) for file in parts_of(folder / "arm.py")}
+    assert found == {"arm.py", model, f"assets/{part}"}
+    mujoco.MjModel.from_xml_path(str(folder / model))
+    (folder / "assets" / part).unlink()
+    with pytest.raises(ValueError, match=part):  # which it needs
+        mujoco.MjModel.from_xml_path(str(folder / model))
+
+
 def test_the_command_line_accepts_a_custom_task_s_options(folder):
     text = (folder / "crawler.py").read_text()
     own = "        hurry: float = 2.0\n        nconmax"
@@ -287,6 +319,9 @@ MISTAKES = {  # lines at the end of the class
     "def layout(self): return [Part('all', 3, '')]": (
         "layout() names 3 numbers, but observe() gives 9"
     ),
+    "command_limits = {'m/s': (1, -1)}": "must have the lowest and the highest value of each",
+    "command_limits = {'m/s': 1}": "must have the lowest and the highest value of each number",
+    "command_limits = ['m/s']": "must have the lowest and the highest value of each number",
     "command_limits = {'m/s': (-1, 1)}": (
         "Crawler.command has type NoneType and shape (): it must be a tensor (3, 1)"
     ),

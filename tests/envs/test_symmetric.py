@@ -74,6 +74,21 @@ def test_every_algorithm_trains_symmetric_policies(algorithm, generator, constan
     torch.testing.assert_close(policy(seen(x), (0.3, 0.7)), ACTED(policy(x, (0.3, 0.7))))
 
 
+@pytest.mark.parametrize(
+    ("mirror", "words"),
+    [
+        (Mirror(SEEN.first(11), ACTED), "each of the 13 numbers of an observation"),
+        (Mirror(Reflection.of([*range(1, 13), 0], [1] * 13), ACTED), "each of the 13 numbers"),
+        (Mirror(SEEN, ACTED._replace(sign=SEEN.sign[3:7])), "4 numbers of an action"),
+        (SEEN, "fails: "),  # one reflection alone
+    ],
+)
+def test_a_task_s_own_mirror_is_refused_unless_two_of_it_change_nothing(mirror, words):
+    envs.registry._REGISTRY["odd"] = type("Odd", (Mirrored,), {"mirror": lambda env: mirror})
+    with pytest.raises(MorlaxError, match=rf"Odd\.mirror\(\) .*{words}"):
+        learner(tiny("odd", **{"network.symmetric": True}))
+
+
 @pytest.mark.parametrize(("format", "tradeoff"), [("torchscript", (0.5, 0.5)), ("onnx", None)])
 def test_symmetric_policies_can_be_exported(tmp_path, format, tradeoff):
     morlax = learner(tiny("mirrored", **{"network.symmetric": True}), iterations=2)
@@ -185,6 +200,10 @@ class Biped(Crowd):
         return self.physics.qpos[:, 2] < 0.2
 
 
+class Long(Biped.Options):
+    episode_length: int = 1000
+
+
 def mirror_of(*edits: Callable[[ElementTree.Element], object], **methods: object) -> Mirror:
     root = ElementTree.fromstring(BIPED)
     for edit in edits:
@@ -290,6 +309,29 @@ def test_a_task_with_a_command_is_refused_also_where_the_command_changes_late():
     limits = {"m/s to the left": (-1.0, 1.0)}
     with pytest.raises(MorlaxError, match="it follows a command: set "):
         mirror_of(initial_state=state, observe=observe, command_limits=limits)
+
+
+def test_a_number_that_stays_zero_until_late_in_an_episode_is_mirrored_as_it_is_then():
+    def observe(env: Biped) -> torch.Tensor:
+        late = (env.age >= 500)[:, None]
+        return torch.cat([Biped.observe(env), env.physics.qvel[:, :2] * late], -1)
+
+    assert mirror_of(observe=observe, Options=Long).observation.sign[-2:].tolist() == [1, -1]
+
+
+def test_ball_joints_are_refused_by_name():
+    ball = '<body name="caster"><joint type="ball"/><geom size=".02" pos="0 0 -.1"/></body>'
+
+    def add(root: ElementTree.Element) -> None:
+        root.find(".//body[@name='torso']").append(ElementTree.fromstring(ball))
+
+    with pytest.raises(MorlaxError, match="since it has ball joints"):
+        mirror_of(add)
+
+
+def test_a_robot_that_faces_another_way_is_told_where_left_and_right_are():
+    with pytest.raises(MorlaxError, match=r"no mirrored partner .* those of y = 0"):
+        mirror_of(put("body", "left_thigh", pos=".2 .08 -.1"))
 
 
 NETWORKS = {name: task_values(name, "cuda").get("network", {}) for name in envs.names()}

@@ -151,7 +151,7 @@ def test_a_mistake_is_refused_in_one_sentence(words, sentence, cheetah, refused)
 
 def test_a_part_of_a_motion_is_refused(cheetah, refused, monkeypatch):
     monkeypatch.setattr(envs.Worlds, "follows_part", True)
-    assert "episodes are parts of its motion" in refused(choose, cheetah, "--over-time", *UTILITY)
+    assert "parts of its motion, or of several" in refused(choose, cheetah, "--over-time", *UTILITY)
 
 
 def test_a_window_needs_a_trade_off_over_time_and_a_file_its_objectives(cheetah, refused, tmp_path):

@@ -260,6 +260,10 @@ def test_a_policy_stays_in_float32(policy, observation, turn):
     assert torch.equal(policy.to("cpu").float()(observation, (0.3, 0.7)), before)
     plain = policy.specialize((0.3, 0.7)).double()  # a plain module can be anything
     torch.testing.assert_close(plain(observation.double()).float(), before)
+    with torch.autocast("cpu", torch.bfloat16):
+        assert torch.equal(policy(observation, tradeoff=(0.3, 0.7)), before)
+        special = policy.specialize((0.3, 0.7))
+    torch.testing.assert_close(special(observation), before)
 
 
 @pytest.mark.parametrize(

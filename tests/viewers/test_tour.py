@@ -140,6 +140,11 @@ def test_a_robot_that_wishes_for_its_default_pose_falls_early(export, capsys, re
     power = np.sum([run.energy for run in runs]) / np.sum([run.seconds for run in runs])
     assert printed["energy of all (kJ)"] == f"{power * WALK:.1f}"
     assert "fixed trade-off" in refused(play, folder, "--tour", "--tradeoff", "1,0")
+    assert "--push has no effect in a tour" in refused(play, folder, "--tour", "--push", "2")
+    assert "--seed has no effect in a tour" in refused(play, folder, "--tour", "--seed", "2")
+    assert "no effect without a tour" in refused(
+        play, folder, "--episodes", "1", "--tour-runs", "2"
+    )
     assert "--seconds at most 90" in refused(play, folder, "--tour", "--seconds", "91")
     text = (folder / "deploy.yaml").read_text()
     (folder / "deploy.yaml").write_text(text.replace("left_elbow_joint", "left_knee_joint"))
