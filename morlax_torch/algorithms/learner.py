@@ -28,8 +28,8 @@ def make_agent(env: Worlds, config: Config, **networks: Any) -> Agent:
             # a tolerance only if there is one: tasks may override `mirror` without
             tolerance = config.network.symmetry_tolerance
             with user_code(f"{type(env).__name__}.mirror() fails"):
-                found = env.mirror(tolerance) if tolerance else env.mirror()
-                networks["mirror"] = checked(found, env)
+                mirror = env.mirror(tolerance) if tolerance else env.mirror()
+                networks["mirror"] = checked(mirror, env)
         return Agent(config, env, generator, **networks).to(env.device)
 
 
