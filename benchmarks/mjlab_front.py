@@ -21,7 +21,7 @@ def main(
     runs: tyro.conf.Positional[tuple[Path, ...]],
     peers: tuple[Path, ...] = (),
     tradeoffs: int = 64,
-    episodes: int = 24,
+    episodes: int = 96,
     seed: int = 0,
     device: str | None = None,
     output: Path | None = None,
@@ -33,7 +33,7 @@ def main(
         runs: Folders of runs of one task.
         peers: Checkpoints of benchmarks/mjlab_peer.py. Of ParetoPPO's, the focus walks.
         tradeoffs: Number of policies of each run.
-        episodes: Episodes that each policy walks.
+        episodes: Episodes that each policy walks. With 24, errors vary by 6 % with their commands.
         seed: Seed of the episodes.
         device: cuda or cpu (None: CUDA if available).
         output: CSV file of rows.
