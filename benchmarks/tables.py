@@ -225,13 +225,15 @@ def cmorl() -> str:
     return markdown(head, lines)
 
 
-WALK = ("velocity error (m/s)", "speed (share of the commanded)", "power (W)")
+WALK = "velocity error (m/s)", "speed (m/s)", "speed (share of the commanded)", "power (W)"
 
 
 def walk(name: str, rows: Sequence[Row], columns: Sequence[str] = WALK) -> list[str]:
     """Return a line of how policies walk, with one number per row in each cell."""
-    cells = zip(columns, (3, 2, 1), strict=True)
-    return [name, *(listed(values(rows, column), places) for column, places in cells)]
+    error, speed, share, power = (values(rows, column) for column in columns)
+    commanded = [one / part for one, part in zip(speed, share, strict=True)]
+    cells = (error, 3), (commanded, 2), (share, 2), (power, 1)
+    return [name, *(listed(numbers, digits) for numbers, digits in cells)]
 
 
 def mjlab() -> str:
@@ -242,8 +244,6 @@ def mjlab() -> str:
     for name, rows, run, policy in (
         ("Go1, tracks best", go1, ours, "best tracking"),
         ("Go1, least power", go1, ours, "least power"),
-        ("mjlab's Go1, default weights, {}, {}, H100", go1, f"{theirs}: default", ""),
-        ("mjlab's Go1, tracking weights, {}, {}, H100", go1, f"{theirs}: tracking", ""),
         ("G1, tracks best", g1, ours, "best tracking"),
         ("G1, least power", g1, ours, "least power"),
         ("mjlab's G1, {}, {}, H200", g1, theirs, ""),
@@ -251,28 +251,29 @@ def mjlab() -> str:
         chosen = [row for row in rows if row["run"].startswith(run) and row["policy"] == policy]
         seconds, steps = chosen[0]["run"].split(", ")[-2:]
         lines.append(walk(name.format(seconds, steps), chosen))
-    for place, weights in ((4, "default weights"), (5, "tracking weights")):
+    for place, weights in ((2, "default weights"), (3, "tracking weights")):
         (row,) = read("mjlab-go1-outside-h200.csv", what=f"{theirs}, {weights}")
-        worlds, seconds = int(row["worlds"]), row["train_seconds"]
-        name = f"mjlab's Go1, {worlds:,} worlds, {weights}, {seconds} s, H200"
-        line = walk(name, [row], ("velocity_error_m_s", "speed_share", "power_W"))
+        name = f"mjlab's Go1, {int(row['worlds']):,} worlds, {weights}"
+        line = walk(name, [row], ("velocity_error_m_s", "speed_m_s", "speed_share", "power_W"))
         lines.insert(place, line)
     repeats = read("pareto-go1-h200.csv", policy="own weights")
     plain = walk("", [row for row in repeats if row["run"].startswith("plain PPO, seed")])
-    name = f"{lines[4][0]}, seeds 0, 200, 201, 202"
-    lines[4] = [name, *map(", ".join, zip(lines[4][1:], plain[1:], strict=True))]
-    real = read("mjlab-go1-real-h200.csv")
-    peer = "mjlab's Go1, real sensors, 16,384 worlds, default weights, 330 s, H200, {}"
-    for index, run, policy, words in (
-        (2, "real", "best tracking", "Go1, real sensors, {}, tracks best"),
-        (3, "real", "least power", "Go1, real sensors, {}, least power"),
-        (8, theirs, "", peer),
+    name = f"{lines[2][0]}, seeds 0, 200, 201, 202"
+    lines[2] = [name, *map(", ".join, zip(lines[2][1:], plain[1:], strict=True))]
+    real_go1, real_g1 = read("mjlab-go1-real-h200.csv"), read("mjlab-g1-real-h200.csv")
+    peer = "mjlab's Go1, real sensors, 16,384 worlds, default weights, {}"
+    for index, rows, run, policy, words in (
+        (2, real_go1, "real", "best tracking", "Go1, real sensors, {}, tracks best"),
+        (3, real_go1, "real", "least power", "Go1, real sensors, {}, least power"),
+        (6, real_go1, theirs, "", peer),
+        (9, real_g1, "real", "best tracking", "G1, real sensors, {}, tracks best"),
+        (10, real_g1, "real", "least power", "G1, real sensors, {}, least power"),
     ):
-        chosen = [row for row in real if row["run"].startswith(run) and row["policy"] == policy]
+        chosen = [row for row in rows if row["run"].startswith(run) and row["policy"] == policy]
         seeds = ", ".join(row["run"].rsplit(" ", 1)[1] for row in chosen)
         named = words.format(f"seed{'s' if len(chosen) > 1 else ''} {seeds}")
         lines.insert(index, walk(named, chosen))
-    head = ["", "error of the velocity, m/s", "speed, share of the commanded", "power, W"]
+    head = ["", "error of the velocity, m/s", "commanded speed, m/s", "share of it", "power, W"]
     return markdown(head, lines)
 
 
