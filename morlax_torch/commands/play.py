@@ -71,9 +71,12 @@ def command(arguments: Sequence[str]) -> None:
     seconds, seed = options.seconds, options.seed
     strengths = Disturbances(options.delay, options.noise, options.push, options.friction)
     deployment = open_export(options.export, options.tradeoff)._replace(disturbances=strengths)
+    follows = deployment.motion is not None
     if options.tour:
         from ..viewers.playing.tour import WALK, score
 
+        if follows:
+            raise MorlaxError(f"{options.export} follows a motion, not waypoints: leave out --tour.")
         weights = deployment.tradeoff and deployment.tradeoff.at(0.0).tolist()
         seconds = WALK if seconds is None else seconds
         with cli.Live():
@@ -83,7 +86,6 @@ def command(arguments: Sequence[str]) -> None:
             table.add_row(name, "-" if math.isnan(value) else f"{value:.1f}")
         cli.console.print(table)
         return
-    follows = deployment.motion is not None
     if options.episodes is not None:
         length = (deployment.duration or 30.0) if seconds is None else seconds
         with cli.Live():
