@@ -76,7 +76,7 @@ def command(arguments: Sequence[str]) -> None:
         from ..viewers.playing.tour import WALK, score
 
         if follows:
-            raise MorlaxError(f"{options.export} follows a motion, not waypoints: leave out --tour.")
+            raise MorlaxError(f"{options.export} follows a motion, no waypoints: leave --tour out.")
         weights = deployment.tradeoff and deployment.tradeoff.at(0.0).tolist()
         seconds = WALK if seconds is None else seconds
         with cli.Live():

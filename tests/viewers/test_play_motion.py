@@ -177,7 +177,7 @@ def test_motions_of_a_folder_are_shown_in_turn_and_exported_one_by_one(tmp_path)
 
 
 def test_a_motion_that_is_missing_or_another_robot_s_is_one_sentence(exported, refused):
-    assert "follows a motion, not waypoints" in refused(play, exported[TASK], "--tour")
+    assert "follows a motion, no waypoints" in refused(play, exported[TASK], "--tour")
     file = exported[TASK] / "motion.npz"
     content = dict(np.load(file))
     np.savez(file, **content | {"joint_pos": content["joint_pos"][:, 1:]})
