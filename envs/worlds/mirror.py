@@ -408,7 +408,7 @@ def find_mirror(worlds: Any, tolerance: float = 0.0) -> Mirror:
         mujoco.mj_integratePos(physics.model, start, change, 1.0)
     physics.qvel[:PAIRS] = speed
     # of a whole episode, as far as it goes: some observations change late
-    ages = torch.linspace(0, max(worlds.episode_length - STEPS, 0), PAIRS).int()
+    ages = torch.arange(PAIRS) * max(worlds.episode_length - STEPS, 0) // PAIRS
     worlds.age.copy_(ages.repeat(2))
     seen, earned = [], []
     for _ in range(STEPS):
