@@ -146,6 +146,11 @@ class Generated(Family):
         super().__init__(target)
         if not self.shapes:
             raise MorlaxError("the target has no parameters, so there is nothing to generate.")
+        types = {str(p.dtype): p.is_floating_point() for p in target.parameters()}
+        if [*types.values()] != [True]:
+            raise MorlaxError(
+                f"the target's parameters must be of one floating type, not {' and '.join(types)}."
+            )
         self.sizes = [shape.numel() for shape in self.shapes.values()]
         # nn.Module does not see the target inside: its own parameters are not used
         self._target = PerThread(copy.deepcopy(target).requires_grad_(False))
@@ -195,15 +200,14 @@ class Generated(Family):
 
     def run_one(self, parameters: dict[str, Tensor], *inputs: Tensor) -> Tensor:
         named = {**parameters, **self._buffers_of_family()}
-        return functional_call(self._target.copy, named, inputs)
+        return functional_call(self._target.copy, named, inputs, strict=True)
 
     def specialize(self, condition: Tensor) -> nn.Module:
         with torch.no_grad():
-            flat = self.flat(condition[None])[0]
-            network = copy.deepcopy(self.target).to(flat)  # its device and type
-            values = {**self.split(flat), **self._buffers_of_family()}
+            network = copy.deepcopy(self.target)
+            values = {**self.split(self.flat(condition[None])[0]), **self._buffers_of_family()}
             for name, tensor in [*network.named_parameters(), *network.named_buffers()]:
-                tensor.copy_(values[name])
+                tensor.data = values[name].clone()  # its device and type, too
         return network.requires_grad_()
 
     def _buffers_of_family(self) -> dict[str, Tensor]:

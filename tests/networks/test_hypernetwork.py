@@ -27,6 +27,19 @@ class Scaled(nn.Module):
         return self.scale * self.linear(x)
 
 
+class Wave(nn.Module):
+    """A target with buffers of other types than its parameters'."""
+
+    def __init__(self):
+        super().__init__()
+        self.linear = nn.Linear(3, 2)
+        self.register_buffer("phase", torch.randn(2, dtype=torch.complex64))
+        self.register_buffer("shift", torch.randn(2, dtype=torch.float64))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return (self.phase * self.linear(x)).imag + self.shift
+
+
 TARGETS = {
     "linear": (lambda: nn.Linear(3, 2), [(3,)]),
     "mlp": (lambda: nn.Sequential(nn.Linear(3, 6), nn.SiLU(), nn.Linear(6, 2)), [(3,)]),
@@ -36,6 +49,7 @@ TARGETS = {
     ),
     "recurrent": (lambda: nn.GRUCell(3, 5), [(3,), (5,)]),
     "buffer": (Scaled, [(3,)]),
+    "types": (Wave, [(3,)]),
 }
 
 NO_BATCHING_RULE = pytest.mark.filterwarnings("ignore:There is a performance drop:UserWarning")
@@ -106,6 +120,8 @@ def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
         assert member.state_dict().keys() == target.state_dict().keys()
         torch.testing.assert_close(member(*(x[k] for x in inputs)), outputs[k])
         assert all(value.requires_grad for value in member.parameters())  # to be trained on
+        for name, buffer in target.named_buffers():
+            torch.testing.assert_close(member.get_buffer(name), buffer, rtol=0, atol=0)
     types = {value.dtype for value in family.double().specialize(TRADEOFFS[0]).parameters()}
     assert types == {torch.float64}
 
@@ -126,6 +142,20 @@ def test_all_parameters_get_a_gradient_but_the_features_of_a_zero_affine_map(tar
         found = {name: parameter.grad.any().item() for name, parameter in family.named_parameters()}
         expected = {"weight": True, "bias": True, **dict.fromkeys(features, scale > 0)}
         assert found == expected
+
+
+def test_parameters_of_another_family_are_refused():
+    family = family_of(nn.Sequential(nn.Linear(3, 2), nn.ReLU()))
+    with pytest.raises(RuntimeError, match=r"Missing key.*0\.bias"):  # not the target's own
+        family.run(family_of(nn.Linear(3, 2))(TRADEOFFS), torch.ones(K, B, 3))
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.complex64, torch.int64])
+def test_targets_of_several_types_are_refused(dtype):
+    target = Scaled()
+    target.factor = nn.Parameter(torch.ones(2, dtype=dtype), requires_grad=False)
+    with pytest.raises(MorlaxError, match="must be of one floating type, not torch"):
+        Hypernetwork(target, M)
 
 
 @pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])
