@@ -6,6 +6,8 @@ import moocore
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..envs.errors import MorlaxError
+
 # Most points of an exact hypervolume by number of objectives: up to half a second of one CPU core,
 # measured on mutually non-dominated points. With fewer objectives any number is fast.
 EXACT_POINTS = {5: 500, 6: 400, 7: 150, 8: 80, 9: 48, 10: 36}
@@ -14,13 +16,20 @@ EXACT_POINTS_OF_MORE = 10  # objectives than the table has
 OBEDIENCE_TOLERANCE = 0.01
 
 
+def _rows(points: ArrayLike) -> NDArray[np.float64]:
+    rows = np.asarray(points, dtype=np.float64)
+    if rows.ndim != 2:
+        raise MorlaxError(f"points are (n, m), one row for each, but their shape is {rows.shape}.")
+    return rows
+
+
 def non_dominated(points: ArrayLike) -> NDArray[np.bool_]:
     """Return (n,) bool: True where no other point dominates.
 
     A point dominates if it is at least as good in all objectives and better in one. Of equal
     points only the first counts. A point that is not finite is dominated.
     """
-    points = np.asarray(points, dtype=np.float64)
+    points = _rows(points)
     mask = np.zeros(len(points), dtype=np.bool_)
     finite = np.flatnonzero(np.isfinite(points).all(1))
     if len(finite):
@@ -30,7 +39,7 @@ def non_dominated(points: ArrayLike) -> NDArray[np.bool_]:
 
 def front(points: ArrayLike) -> NDArray[np.float64]:
     """Return the non-dominated points."""
-    points = np.asarray(points, dtype=np.float64)
+    points = _rows(points)
     return points[non_dominated(points)]
 
 
@@ -40,8 +49,11 @@ def hypervolume(points: ArrayLike, reference_point: ArrayLike) -> float:
     Exact if `is_exact`, else moocore's deterministic approximation. A point that does not exceed
     the reference point in every objective contributes nothing.
     """
-    exact = is_exact(*np.shape(points))
-    reference, points = np.asarray(reference_point, dtype=np.float64), front(points)
+    points, reference = _rows(points), np.asarray(reference_point, dtype=np.float64)
+    if reference.shape not in ((), points.shape[1:]) or not np.isfinite(reference).all():
+        m = points.shape[1]
+        raise MorlaxError(f"a reference point of {m} finite numbers is needed, not {reference}.")
+    exact, points = is_exact(*points.shape), front(points)
     points = points[(points > reference).all(1)]
     if not len(points):
         return 0.0
@@ -83,7 +95,7 @@ def igd_plus(points: ArrayLike, reference_front: ArrayLike) -> float:
     1/|Z| sum over z in Z of min over a in A of sqrt(sum_k max(z_k - a_k, 0)^2), in the units of the
     returns: 0 where every point of Z is reached or exceeded.
     """
-    reference = np.asarray(reference_front, dtype=np.float64)
+    reference = _rows(reference_front)
     points = front(points)
     return float(moocore.igd_plus(points, ref=reference, maximise=True)) if len(points) else np.inf
 
@@ -102,7 +114,7 @@ def obeys(
     policy spans. Policies that tie all obey. A point that is not finite does not obey, and the
     others ignore it.
     """
-    points = np.asarray(points, dtype=np.float64)
+    points = _rows(points)
     finite = np.isfinite(points).all(1)
     result = np.zeros(len(points), dtype=np.bool_)
     if finite.any():
@@ -126,7 +138,7 @@ def conflicts(points: ArrayLike) -> NDArray[np.float64]:
     It is Spearman's rank correlation, negated: 1 where more of one objective always means less of
     the other, -1 where they rise together, and 0 for an objective that never changes.
     """
-    points = np.asarray(points, dtype=np.float64)
+    points = _rows(points)
     below = np.sign(points[:, None] - points[None, :]).sum(1)  # (n, m): ranks, with ties
     lengths = np.linalg.norm(below, axis=0)
     scale = np.where(lengths > 0, lengths, 1.0)

@@ -4,6 +4,7 @@ import moocore
 import numpy as np
 import pytest
 
+from morlax_torch import MorlaxError
 from morlax_torch.evaluation import pareto
 from morlax_torch.evaluation.front import Front
 
@@ -37,6 +38,21 @@ def test_nan_points_are_dominated():
     assert pareto.expected_utility(points, np.eye(2)) == pytest.approx(4)
     assert pareto.cardinality([[NAN, NAN]]) == 0
     assert pareto.hypervolume([[NAN, NAN]], [0, 0]) == 0
+
+
+@pytest.mark.parametrize("point", [[0, NAN], [0, -np.inf], [0], [0, 0, 0]])
+def test_a_reference_point_is_one_finite_number_per_objective(point):
+    with pytest.raises(MorlaxError, match="a reference point of 2 finite numbers is needed, not"):
+        pareto.hypervolume([[2, 3]], point)
+
+
+@pytest.mark.parametrize("points", [[2, 3], [[[2, 3]]], []])
+def test_points_are_rows(points):
+    for indicator in (pareto.front, pareto.sparsity, pareto.conflicts):
+        with pytest.raises(MorlaxError, match=r"points are \(n, m\), one row for each"):
+            indicator(points)
+    with pytest.raises(MorlaxError, match="one row for each"):
+        pareto.hypervolume(points, [0, 0])
 
 
 @pytest.mark.parametrize("m", (2, 3, 5))
