@@ -26,30 +26,24 @@ class ManagerTerms:
     """
 
     def __init__(self, env: Any):
-        self._env, self._manager = env, env.reward_manager
-        names = self._manager.active_terms
-        self._configs = {name: self._manager.get_term_cfg(name) for name in names}
-        self.weights = {
-            name: 0.0 if term.weight == WATCHED else float(term.weight)  # by an earlier runner
-            for name, term in self._configs.items()
-        }
+        self._manager = env.reward_manager
+        self.weights = self.paid()
         scaled = getattr(env.cfg, "scale_rewards_by_dt", True)
         self._time_step = env.step_dt if scaled else 1.0
-        self._unpaid = [name for name, weight in self.weights.items() if not weight]
+
+    def paid(self) -> dict[str, float]:
+        """Return the weights of now, which a curriculum may have changed."""
+        config = self._manager.get_term_cfg
+        weights = {name: float(config(name).weight) for name in self._manager.active_terms}
+        return {name: weight * (weight != WATCHED) for name, weight in weights.items()}
 
     def watch(self, name: str) -> float:
         """Let the host compute a term that it does not pay; returns what to multiply it by."""
-        self._configs[name].weight = WATCHED
+        self._manager.get_term_cfg(name).weight = WATCHED
         return 1 / WATCHED
 
     def read(self) -> Tensor:
         """Return the terms (N, t) of the last step, as paid, in the order of `weights`."""
-        for name in self._unpaid:
-            if self._configs[name].weight not in (0.0, WATCHED):  # set by a curriculum
-                raise MorlaxError(
-                    f"the reward term {name} had a weight of zero when training began, and now has "
-                    "another one: give it a small weight from the start."
-                )
         return self._manager._step_reward * self._time_step
 
 
@@ -60,22 +54,25 @@ class FunctionTerms:
     """
 
     def __init__(self, env: Any):
-        functions = env.reward_functions
-        by_name = isinstance(functions, dict)
-        names: list[str] = [*(functions if by_name else env.reward_names)]
-        keys: list[Any] = [*(functions if by_name else range(len(functions)))]
-        self._scales = env.reward_scales
-        self.weights = {name: float(self._scales[name]) for name in names}
+        self._env, functions = env, env.reward_functions
+        self.weights = self.paid()
         self._paid: dict[str, Tensor] = {}
-        for key, name in zip(keys, names, strict=True):
+        keys = [*(functions if isinstance(functions, dict) else range(len(functions)))]
+        names = iter(self.weights)
+        for key, name in zip(keys, names, strict=False):
             functions[key] = partial(self._call, name, functions[key])
-        if self._scales.get(APART) and APART not in names:
+        if APART in names:  # it is behind those of the functions
             env._reward_termination = partial(self._call, APART, env._reward_termination)
-            self.weights[APART] = float(self._scales[APART])
+
+    def paid(self) -> dict[str, float]:
+        functions, scales = self._env.reward_functions, self._env.reward_scales
+        names = functions if isinstance(functions, dict) else self._env.reward_names
+        apart = [APART] if scales.get(APART) else []
+        return {name: float(scales[name]) for name in (*names, *apart)}
 
     def _call(self, name: str, function: Callable[[], Tensor]) -> Tensor:
         value = function()
-        self._paid[name] = value * self._scales[name]
+        self._paid[name] = value * self._env.reward_scales[name]
         return value
 
     def watch(self, name: str) -> float:
@@ -99,14 +96,18 @@ class CalledTerms:
         self._worlds, self._failure = worlds, f"the reward terms {name} cannot be read"
         with user_code(self._failure):
             self._read = partial(getattr(import_module(module), function), env)
-            self.weights = dict.fromkeys(self._read(), 1.0)
+            self._values = dict(self._read())
+        self.weights = self.paid()
+
+    def paid(self) -> dict[str, float]:
+        return dict.fromkeys(self._values, 1.0)
 
     def watch(self, name: str) -> float:
         return 1.0
 
     def read(self) -> Tensor:
         with user_code(self._failure):
-            values = self._read()
+            self._values = values = self._read()
             return torch.stack([values[name].reshape(self._worlds) for name in self.weights], -1)
 
 
@@ -197,6 +198,12 @@ class ObjectiveRewards:
                 the first steps.
         """
         terms = self._terms.read().to(reward.device, torch.float32)
+        for name, weight in self._terms.paid().items():
+            if weight and not self._terms.weights.get(name):
+                raise MorlaxError(
+                    f"the reward term {name} had no weight when training began, and now has one: "
+                    "give it a small weight from the start."
+                )
         self._matrix, self._paid = self._matrix.to(terms), self._paid.to(terms)
         if self._unchecked:
             self._unchecked -= 1

@@ -335,6 +335,37 @@ def test_reward_functions_of_other_hosts_are_terms(listed):
         rewards(reward_of_step())
 
 
+def host_of_functions() -> Any:
+    """Return worlds of Genesis with a term that they do not pay, and how they reward a step."""
+    functions = {name: lambda: torch.ones(2) for name in ("height", "energy", "late")}
+    scales = {"height": 0.02, "energy": -0.1, "late": 0.0}
+    return SimpleNamespace(reward_functions=functions, reward_scales=scales)
+
+
+def paid_by(env: Any) -> Any:
+    return sum(f() * env.reward_scales[name] for name, f in env.reward_functions.items())
+
+
+def test_scales_that_a_host_replaces_count():  # a curriculum
+    env = host_of_functions()
+    rewards = ObjectiveRewards(terms_of(env))
+    env.reward_scales = {name: 3 * scale for name, scale in env.reward_scales.items()}
+    parts, guide = rewards(reward := paid_by(env))
+    assert torch.allclose(parts, torch.tensor([0.06, -0.3]))
+    assert torch.allclose(guide[:, 0], reward)
+
+
+@pytest.mark.parametrize("added", ["late", "termination", "new"])
+def test_terms_that_a_host_pays_later_are_one_sentence(added):
+    env = host_of_functions()
+    rewards = ObjectiveRewards(terms_of(env))
+    if added == "new":
+        env.reward_functions["new"] = lambda: torch.ones(2)
+    env.reward_scales[added] = 1.0
+    with pytest.raises(MorlaxError, match=f"term {added} had no weight when training began"):
+        rewards(paid_by(env))
+
+
 def test_a_script_that_plays_may_switch_rewards_off(trained):  # as Genesis' go2_eval.py does
     _, folder = trained
     env = Points(1)
@@ -368,13 +399,13 @@ def test_a_term_that_the_host_does_not_pay_has_a_weight_of_one():
         env.reset()
         assert parts[0].tolist() == pytest.approx([0.04, 0.1 * (-0.5 * 2 + 0.05)], rel=1e-4)
         assert guide[0, 0].item() == pytest.approx(0.04)
-    env.reward_manager.get_term_cfg("alive").weight = 0.1  # a curriculum
-    with pytest.raises(MorlaxError, match="term alive had a weight of zero"):
+    env.reward_manager._terms["alive"] = SimpleNamespace(weight=0.1, func=lambda: torch.ones(2))
+    with pytest.raises(MorlaxError, match="term alive had no weight"):  # a curriculum's
         rewards(env.step(torch.ones(2, 2))[1])
 
 
 def function_of_terms(env: Points) -> dict[str, torch.Tensor]:
-    return {"x": env.position[:, :1], "y": -env.position[:, 1]}
+    return {"x": env.position[:, :1], "y": -env.position[:, 1], **getattr(env, "more", {})}
 
 
 def test_a_function_reads_the_terms_of_any_other_host():
@@ -383,8 +414,12 @@ def test_a_function_reads_the_terms_of_any_other_host():
     env = Points(2)
     env.position = torch.tensor([[1, 2], [3, 4]])  # counts
     terms = terms_of(env, f"{__name__}:function_of_terms")
-    parts, _ = ObjectiveRewards(terms, {"x": {"x": 0.5}, "y": {"y": 1.0}})(torch.zeros(2))
+    rewards = ObjectiveRewards(terms, {"x": {"x": 0.5}, "y": {"y": 1.0}})
+    parts, _ = rewards(torch.zeros(2))
     assert parts.tolist() == [[0.5, -2.0], [1.5, -4.0]]
+    env.more = {"z": torch.ones(2)}
+    with pytest.raises(MorlaxError, match="term z had no weight when training began"):
+        rewards(torch.zeros(2))
     env.position = torch.ones(8, 2)  # a term for each of four feet
     with pytest.raises(MorlaxError, match="function_of_terms cannot be read: Runtime"):
         terms.read()
