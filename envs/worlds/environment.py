@@ -294,8 +294,7 @@ class Environment(Robot):
         self.advance()
         if self._noise:  # once per step, so that both observations of a step have the same noise
             self._noise.draw()
-        named = self.terms()
-        terms = torch.stack(list(named.values()), -1).to(self._weights.dtype)  # (N, terms)
+        terms = self._columns(self.terms()).to(self._weights.dtype)  # (N, terms)
         reward = self._combine(terms).float()
         final_seen = self.critic_observation()
         failed, length = self.failed(), self.episode_length
@@ -309,7 +308,7 @@ class Environment(Robot):
         else:
             self._remember()
             seen = final_seen
-        by_name = dict(zip(named, terms.unbind(-1), strict=True))
+        by_name = dict(zip(self.reward_terms, terms.unbind(-1), strict=True))
         ends = terminated, truncated, self._policy(final_seen)
         return TimeStep(self._policy(seen), reward, *ends, by_name, seen, final_seen, blown_up)
 

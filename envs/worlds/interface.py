@@ -206,7 +206,14 @@ class Worlds(ABC):
 
     def combine(self, terms: dict[str, Tensor]) -> Tensor:
         """Weight reward terms (N,) each into the reward of every objective (N, m)."""
-        return self._combine(torch.stack(list(terms.values()), -1))
+        return self._combine(self._columns(terms))
+
+    def _columns(self, terms: dict[str, Tensor]) -> Tensor:
+        """Return terms (N,) by name, in any order, as (N, terms) in that of `reward_terms`."""
+        if terms.keys() != {*self.reward_terms}:
+            names, needed = ", ".join(terms), ", ".join(self.reward_terms)
+            raise MorlaxError(f"the reward terms are {names}, but must be {needed} in each step.")
+        return torch.stack([terms[name] for name in self.reward_terms], -1)
 
     def _combine(self, terms: Tensor) -> Tensor:
         """`combine` for terms (N, terms) in the order of `reward_terms`."""

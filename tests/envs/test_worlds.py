@@ -57,6 +57,36 @@ def test_their_run_is_evaluated_and_resumed_in_new_worlds(tmp_path, capsys):
             use()
 
 
+class Reversed(Points):
+    """Points whose reward terms come in another order than they are declared in."""
+
+    def combine(self, terms: dict[str, Tensor]) -> Tensor:
+        return super().combine(dict(reversed(terms.items())))
+
+
+class Alternating(envs.get("cheetah")):
+    """A cheetah whose reward terms come in another order in every other step."""
+
+    def terms(self) -> dict[str, Tensor]:
+        terms, self.odd = super().terms(), not getattr(self, "odd", False)
+        return dict(reversed(terms.items())) if self.odd else terms
+
+
+@pytest.mark.parametrize(("task", "other"), [(POINTS, Reversed), ("cheetah", Alternating)])
+def test_reward_terms_may_come_in_any_order(task, other):
+    plain, env = (envs.make(name, 3, "cpu") for name in (task, f"{__file__}:{other.__name__}"))
+    for worlds in (plain, env):
+        worlds.reseed(1)
+        worlds.reset()
+    for _ in range(3):
+        action = torch.rand(3, env.action_size)
+        mine, expected = env.step(action), plain.step(action)
+        assert torch.equal(mine.reward, expected.reward)
+        assert all(torch.equal(mine.terms[name], value) for name, value in expected.terms.items())
+    with pytest.raises(MorlaxError, match="reward terms are speed, but must be "):
+        env._columns({"speed": torch.ones(3)})
+
+
 @pytest.mark.parametrize("name", [POINTS, "cheetah", "bruce"])
 def test_a_step_keeps_no_graph_of_the_actions(name, backend):
     task = envs.get(name)
