@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from tiny import tiny
 
-from morlax_torch import MorlaxError, envs
+from morlax_torch import MorlaxError
 from morlax_torch.algorithms.batch import make_batch
 from morlax_torch.algorithms.registry import make_learner
 from morlax_torch.algorithms.rollout import Rollout
@@ -33,7 +33,7 @@ def config(algorithm: str, size: int) -> Config:
 def statistics(group: Group) -> dict[str, Any]:
     """Return what a learner makes of this process's half of a random rollout."""
     own = config("morlax", group.size)
-    learner = make_learner(envs.make("hopper", own.worlds, "cpu"), own, group=group)
+    learner = make_learner(own.make_worlds(own.worlds, 0), own, group=group)
     generator, share = torch.Generator().manual_seed(0), slice(group.rank, None, group.size)
 
     def drawn(part: torch.Tensor) -> torch.Tensor:
@@ -69,7 +69,7 @@ class Shifted(torch.nn.Module):
 def trained(algorithm: str, group: Group, **networks: torch.nn.Module) -> dict[str, Any]:
     """Return a learner's state after some iterations."""
     own = config(algorithm, group.size)
-    learner = make_learner(envs.make("hopper", own.worlds, "cpu"), own, group=group, **networks)
+    learner = make_learner(own.make_worlds(own.worlds, 0), own, group=group, **networks)
     for _ in range(ITERATIONS):
         learner.iterate()
     return {**learner.state_dict(), "metrics": learner.metrics(), "steps": learner.env_steps}
@@ -88,7 +88,7 @@ def with_own_networks(algorithm: str, group: Group) -> dict[str, Any]:
 def started(group: Group, folder: Path) -> dict[str, Any]:
     """Return an agent that starts from another file in every process."""
     own = config("morlax", group.size)
-    env = envs.make("hopper", own.worlds, "cpu")
+    env = own.make_worlds(own.worlds, 0)
     path = folder / f"start-{group.rank}.pt"
     other = own.model_copy(update={"seed": 1 + group.rank})
     checkpoint.write(path, checkpoint.snapshot(make_learner(env, other)), Progress())
@@ -101,7 +101,7 @@ def refusal(group: Group) -> str:
     """Return what is said of networks of other sizes in every process."""
     own, hidden = config("morlax", group.size), 8 + group.rank
     actor = torch.nn.Sequential(Shifted(13, hidden), Shifted(hidden, 8))
-    env = envs.make("hopper", own.worlds, "cpu")
+    env = own.make_worlds(own.worlds, 0)
     try:
         make_learner(env, own, actor=actor, group=group)
     except MorlaxError as error:

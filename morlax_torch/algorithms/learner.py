@@ -107,6 +107,13 @@ class Learner(ABC):
                 f"the config is for algorithm {config.algorithm}, but {type(self).__name__} is "
                 f"{self.algorithm}: use morlax_torch.train.train, which makes the right learner."
             )
+        theirs = env.options.model_dump()
+        differing = [x for x, value in config.task.model_dump().items() if value != theirs.get(x)]
+        if differing:
+            raise MorlaxError(
+                f"the worlds differ from config.task in {', '.join(differing)}: make them with "
+                "config.make_worlds(config.worlds, seed)."
+            )
         self.env, self.config, self.group = env, config, group
         self.agent = make_agent(env, config, actor=actor, critic=critic)
         group.share(self.agent)  # a user's networks may start differently in every process

@@ -335,6 +335,7 @@ def test_bad_combinations_get_one_sentence(changes, message):
         ({"auto_reset": False}, {}, "auto_reset=True"),
         ({}, {"task.objectives": {"jump": {"jump": 1}, "run": {"run": 1}}}, "has jump, run"),
         ({}, {"algorithm": "hyper-morl"}, "for algorithm hyper-morl, but MORLAX is morlax"),
+        ({}, {"task.shared": {"upright": 1}}, r"differ from config.task in shared, .*length: make"),
     ],
 )
 def test_worlds_and_configs_that_do_not_fit_morlax_are_refused(worlds, changes, message):
