@@ -185,6 +185,20 @@ def action(worlds: Any, values: Any) -> None:
         )
 
 
+def time_step(worlds: Any, step: Any) -> None:
+    """Refuse a `step` that is no `TimeStep` of the sizes that `worlds` declare."""
+    N, O, m = worlds.num_worlds, worlds.observation_size, len(worlds.objectives)
+    sizes = {"observation": O, "critic_observation": O + worlds.privileged_size}
+    sizes |= {f"final_{name}": size for name, size in sizes.items()} | {"reward": m}
+    shapes = {name: (N, size) for name, size in sizes.items()}
+    for name, shape in {**shapes, "terminated": (N,), "truncated": (N,)}.items():
+        value: Any = getattr(step, name, None)
+        dtype = torch.float32 if shape[1:] else torch.bool
+        if _shape(value) != shape or value.dtype != dtype:
+            expected = f"a tensor {shape} of {dtype}, one row per world"
+            raise _wrong(worlds, f"step().{name}", value, expected)
+
+
 def mask(worlds: Any, which: Any) -> None:
     """Refuse masks that are not (N,) bool, one answer for each world."""
     shape, dtype = (worlds.num_worlds,), getattr(which, "dtype", type(which).__name__)

@@ -82,7 +82,10 @@ class Worlds(ABC):
             @torch.no_grad()  # worlds would keep the graph of the actions for ever
             def stepped(self: Any, action: Tensor) -> TimeStep:
                 checks.action(self, action)
-                return step(self, action.detach())
+                result = step(self, action.detach())
+                if type(self).step is stepped:  # a class above may go on with the result
+                    checks.time_step(self, result)
+                return result
 
             cls.step = stepped
 

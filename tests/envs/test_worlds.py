@@ -87,6 +87,37 @@ def test_reward_terms_may_come_in_any_order(task, other):
         env._columns({"speed": torch.ones(3)})
 
 
+@pytest.mark.parametrize(
+    ("name", "wrong", "needed"),
+    [
+        ("reward", lambda x: x[:, :1], "(3, 2) of torch.float32"),
+        ("reward", lambda x: x.double(), "(3, 2) of torch.float32"),
+        ("terminated", lambda x: x[:, None], "(3,) of torch.bool"),
+        ("truncated", lambda x: x.float(), "(3,) of torch.bool"),
+        ("final_observation", lambda x: x[0], "(3, 2) of torch.float32"),
+        ("critic_observation", lambda x: None, "(3, 2) of torch.float32"),
+    ],
+)
+def test_steps_of_other_sizes_than_declared_are_refused(name, wrong, needed):
+    class Wrong(Points):
+        def step(self, action: Tensor) -> envs.TimeStep:
+            step = super().step(action)
+            return step._replace(**{name: wrong(getattr(step, name))})
+
+    class Mended(Wrong):
+        def step(self, action: Tensor) -> envs.TimeStep:
+            return super().step(action)._replace(**{name: right})
+
+    def built(task: type[Points]) -> Points:
+        return task(task.Options(), 3, torch.device("cpu"), 0, True)
+
+    right, action = getattr(built(Points).step(torch.zeros(3, 1)), name), torch.zeros(3, 1)
+    with pytest.raises(MorlaxError, match=rf"Wrong.step\(\).{name} has .*must be a ten") as caught:
+        built(Wrong).step(action)
+    assert needed in str(caught.value)
+    assert getattr(built(Mended).step(action), name) is right
+
+
 @pytest.mark.parametrize("name", [POINTS, "cheetah", "bruce"])
 def test_a_step_keeps_no_graph_of_the_actions(name, backend):
     task = envs.get(name)
