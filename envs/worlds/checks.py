@@ -185,6 +185,14 @@ def action(worlds: Any, values: Any) -> None:
         )
 
 
+def seen(worlds: Any, observation: Any) -> Any:
+    """Return the `observation` of critics, if it is (N, O + P) as `worlds` declare."""
+    shape = worlds.num_worlds, worlds.observation_size + worlds.privileged_size
+    if _shape(observation) != shape:
+        raise _wrong(worlds, "critic_observation()", observation, f"a tensor {shape}, as declared")
+    return observation
+
+
 def time_step(worlds: Any, step: Any) -> None:
     """Refuse a `step` that is no `TimeStep` of the sizes that `worlds` declare."""
     N, O, m = worlds.num_worlds, worlds.observation_size, len(worlds.objectives)

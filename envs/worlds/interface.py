@@ -123,7 +123,7 @@ class Worlds(ABC):
         self.restart(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
         if self.auto_reset and self.options.stagger:  # first episodes only
             self.age.random_(0, self.episode_length, generator=self.generator)
-        return self._policy(self.critic_observation())
+        return self._policy(checks.seen(self, self.critic_observation()))
 
     @abstractmethod
     def restart(self, which: Tensor) -> Tensor:

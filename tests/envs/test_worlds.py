@@ -116,6 +116,9 @@ def test_steps_of_other_sizes_than_declared_are_refused(name, wrong, needed):
         built(Wrong).step(action)
     assert needed in str(caught.value)
     assert getattr(built(Mended).step(action), name) is right
+    Wrong.observation_size = 3
+    with pytest.raises(MorlaxError, match=r"critic_observation\(\) has .* tensor \(3, 3\), as dec"):
+        built(Wrong).reset()
 
 
 @pytest.mark.parametrize("name", [POINTS, "cheetah", "bruce"])
