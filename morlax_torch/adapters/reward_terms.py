@@ -58,10 +58,10 @@ class FunctionTerms:
         self.weights = self.paid()
         self._paid: dict[str, Tensor] = {}
         keys = [*(functions if isinstance(functions, dict) else range(len(functions)))]
-        names = iter(self.weights)
+        names = [*self.weights]
         for key, name in zip(keys, names, strict=False):
             functions[key] = partial(self._call, name, functions[key])
-        if APART in names:  # it is behind those of the functions
+        if names[len(keys) :] == [APART]:  # not among the functions
             env._reward_termination = partial(self._call, APART, env._reward_termination)
 
     def paid(self) -> dict[str, float]:
