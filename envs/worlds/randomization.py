@@ -52,7 +52,11 @@ def draw(model: mujoco.MjModel, options: Randomization, num_worlds: int, seed: i
 
 
 class Noise:
-    """Gaussian observation noise, drawn once per control step; a part's longest name applies."""
+    """Gaussian observation noise, drawn once per control step.
+
+    `deviations`: standard deviations in the units of the observation, by the name of a part
+    ("position.knee") or a prefix of several ("position"). The longest match applies.
+    """
 
     def __init__(
         self, deviations: dict[str, float], parts: list[Part], physics: Physics, draws: Draws
@@ -76,7 +80,10 @@ class Noise:
 
 
 class Delay:
-    """Delays actions by some control steps; zero actions apply until the first one arrives."""
+    """Delays actions by some control steps; zero actions apply until the first one arrives.
+
+    `steps` are the smallest and largest delay, drawn per world at the start of each episode.
+    """
 
     def __init__(self, steps: tuple[int, int], action_size: int, physics: Physics, draws: Draws):
         self.steps, self._draws = steps, draws
