@@ -37,7 +37,7 @@ class Peer(NamedTuple):
     """A policy of rsl_rl in the place of an `Agent` and its `Actors`, for every trade-off."""
 
     policy: Callable[[dict[str, Tensor]], Tensor]
-    num_objectives: int  # of the task in which it acts
+    objectives: tuple[str, ...]  # of the task in which it acts
     sensors: str = "all"  # that it was trained with
     parameters: dict[str, Tensor] = {}
 
@@ -131,7 +131,7 @@ def load_peer(config: Config, file: Path) -> Peer:
     motion = Path(config.task.motion_file) if config.task.motion_file else None
     runner = make_runner(task, 16, device, motion=motion, sensors=sensors)
     runner.load(str(file), {"actor": True}, map_location=device)
-    return Peer(runner.get_inference_policy(device), len(config.task.objectives), sensors)
+    return Peer(runner.get_inference_policy(device), (*config.task.objectives,), sensors)
 
 
 def make_runner(

@@ -64,7 +64,7 @@ def main(
     for file in peers:
         peer = mjlab_peer.load_peer(config, file)
         changed = config.with_task(**peer.task)
-        _, front = fronts(peer, changed, peer.num_objectives, episodes, seed)
+        _, front = fronts(peer, changed, len(peer.objectives), episodes, seed)
         rows.append((f"mjlab: {file.stem}", front, 0))
     names = rows[0][1].quantity_names
     head = ["policy", "trade-off", *names, "falls"]
