@@ -16,10 +16,11 @@ EXACT_POINTS_OF_MORE = 10  # objectives than the table has
 OBEDIENCE_TOLERANCE = 0.01
 
 
-def _rows(points: ArrayLike) -> NDArray[np.float64]:
-    rows = np.asarray(points, dtype=np.float64)
-    if rows.ndim != 2:
-        raise MorlaxError(f"points are (n, m), one row for each, but their shape is {rows.shape}.")
+def _rows(values: ArrayLike, what: str = "points", m: int | None = None) -> NDArray[np.float64]:
+    rows = np.asarray(values, dtype=np.float64)
+    if rows.ndim != 2 or m not in (None, rows.shape[1]):
+        shape = f"(n, {m or 'm'}), one row for each"
+        raise MorlaxError(f"{what} are {shape}, but their shape is {rows.shape}.")
     return rows
 
 
@@ -81,7 +82,7 @@ def expected_utility(points: ArrayLike, tradeoffs: ArrayLike) -> float:
     points = front(points)
     if not len(points):
         return float("-inf")
-    return float((np.asarray(tradeoffs, np.float64) @ points.T).max(1).mean())
+    return float((_rows(tradeoffs, "trade-offs", points.shape[1]) @ points.T).max(1).mean())
 
 
 def cardinality(points: ArrayLike) -> int:
@@ -95,8 +96,10 @@ def igd_plus(points: ArrayLike, reference_front: ArrayLike) -> float:
     1/|Z| sum over z in Z of min over a in A of sqrt(sum_k max(z_k - a_k, 0)^2), in the units of the
     returns: 0 where every point of Z is reached or exceeded.
     """
-    reference = _rows(reference_front)
     points = front(points)
+    reference = _rows(reference_front, "points of the reference front", points.shape[1])
+    if not np.isfinite(reference).all():
+        raise MorlaxError("the reference front has numbers that are not finite.")
     return float(moocore.igd_plus(points, ref=reference, maximise=True)) if len(points) else np.inf
 
 
@@ -115,10 +118,13 @@ def obeys(
     others ignore it.
     """
     points = _rows(points)
+    tradeoffs = _rows(tradeoffs, "trade-offs", points.shape[1])
+    if len(tradeoffs) != len(points):
+        raise MorlaxError(f"{len(points)} points need as many trade-offs, not {len(tradeoffs)}.")
     finite = np.isfinite(points).all(1)
     result = np.zeros(len(points), dtype=np.bool_)
     if finite.any():
-        utility = np.asarray(tradeoffs, np.float64)[finite] @ points[finite].T
+        utility = tradeoffs[finite] @ points[finite].T
         most, least = utility.max(1), utility.min(1)
         result[finite] = most - utility.diagonal() <= tolerance * (most - least)
     return result

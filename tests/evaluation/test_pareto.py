@@ -55,6 +55,16 @@ def test_points_are_rows(points):
         pareto.hypervolume(points, [0, 0])
 
 
+def test_trade_offs_and_a_reference_front_fit_the_points():
+    points, weights = [[1.0, 2.0], [2.0, 1.0]], [[0.5, 0.5], [1.0, 0.0]]
+    with pytest.raises(MorlaxError, match=r"trade-offs are \(n, 2\), .* shape is \(1, 3\)"):
+        pareto.expected_utility(points, [[0.2, 0.3, 0.5]])
+    with pytest.raises(MorlaxError, match="2 points need as many trade-offs, not 1"):
+        pareto.obedience(points, weights[:1])
+    with pytest.raises(MorlaxError, match="reference front has numbers that are not finite"):
+        pareto.igd_plus(points, [[1.0, np.nan]])
+
+
 @pytest.mark.parametrize("m", (2, 3, 5))
 def test_non_dominated_points_match_pairwise_comparison(m):
     points = np.random.default_rng(m).integers(0, 6, (60, m)).astype(float)
