@@ -89,11 +89,14 @@ class Mirror(NamedTuple):
 def checked(mirror: Any, worlds: Any) -> Mirror:
     """Return a task's mirror, if every number seen in it twice is what it was."""
     (seen, acted), O, A = mirror, worlds.observation_size, worlds.action_size
-    whole = seen, O + worlds.privileged_size, "observation"
-    for (order, sign), size, what in (whole, (seen.first(O), O, whole[2]), (acted, A, "action")):
-        places = order.tolist()
-        twice = [places[place] for place in places] if set(places) == {*range(size)} else []
-        if twice != [*range(size)] or not (sign * sign[order] == 1).all():
+    for (order, sign), size, what in (
+        (seen, O + worlds.privileged_size, "observation"),
+        (seen.first(O), O, "observation"),
+        (acted, A, "action"),
+    ):
+        partners, numbers = order.tolist(), [*range(size)]
+        whole = sorted(partners) == numbers and [partners[k] for k in partners] == numbers
+        if not whole or not (sign * sign[order] == 1).all():
             raise MorlaxError(
                 f"{type(worlds).__name__}.mirror() is wrong: mirrored twice, each of the {size} "
                 f"numbers of an {what} must be what it was."

@@ -95,11 +95,6 @@ class Learner(ABC):
             raise MorlaxError(
                 f"there are {env.num_worlds} worlds, but config.worlds is {config.worlds}."
             )
-        if env.objectives != (names := tuple(config.task.objectives)):
-            raise MorlaxError(
-                f"the worlds have the objectives {', '.join(env.objectives)}, but config.task has "
-                f"{', '.join(names)}: make them with config.make_worlds(config.worlds, seed)."
-            )
         if not env.auto_reset:
             raise MorlaxError("worlds to learn in need auto_reset=True, to begin new episodes.")
         if self.algorithm not in (None, config.algorithm):
@@ -107,12 +102,12 @@ class Learner(ABC):
                 f"the config is for algorithm {config.algorithm}, but {type(self).__name__} is "
                 f"{self.algorithm}: use morlax_torch.train.train, which makes the right learner."
             )
-        theirs = env.options.model_dump()
-        differing = [x for x, value in config.task.model_dump().items() if value != theirs.get(x)]
-        if differing:
+        ours, theirs = config.task.model_dump(), env.options.model_dump()
+        names = [name for name, value in ours.items() if value != theirs.get(name)]
+        if names or env.objectives != (*ours["objectives"],):  # in another order
             raise MorlaxError(
-                f"the worlds differ from config.task in {', '.join(differing)}: make them with "
-                "config.make_worlds(config.worlds, seed)."
+                f"the worlds differ from config.task in {', '.join(names) or 'objectives'}: make "
+                "them with config.make_worlds(config.worlds, seed)."
             )
         self.env, self.config, self.group = env, config, group
         self.agent = make_agent(env, config, actor=actor, critic=critic)

@@ -328,12 +328,15 @@ def test_bad_combinations_get_one_sentence(changes, message):
     assert "\n" not in str(caught.value)
 
 
+SWAPPED = {"jump": {"jump": 12.0}, "run": {"run": 1.5}}  # as a dict, equal to those of the hopper
+
+
 @pytest.mark.parametrize(
     ("worlds", "changes", "message"),
     [
         ({"num_worlds": 4}, {}, "4 worlds, but config.worlds is 8"),
         ({"auto_reset": False}, {}, "auto_reset=True"),
-        ({}, {"task.objectives": {"jump": {"jump": 1}, "run": {"run": 1}}}, "has jump, run"),
+        ({"episode_length": 5}, {"task.objectives": SWAPPED}, "config.task in objectives: make"),
         ({}, {"algorithm": "hyper-morl"}, "for algorithm hyper-morl, but MORLAX is morlax"),
         ({}, {"task.shared": {"upright": 1}}, r"differ from config.task in shared, .*length: make"),
     ],

@@ -40,8 +40,8 @@ class History:
         most, total = max(numbers), sum(sizes)
         self._frames = torch.zeros(worlds, most, total, dtype=torch.float32, device=device)
         columns = torch.arange(most * total).view(most, total).split(sizes, 1)
-        kept = zip(columns, numbers, strict=True)
-        parts = [each[most - number :].flatten() for each, number in kept]
+        terms = zip(columns, numbers, strict=True)
+        parts = [term[most - number :].flatten() for term, number in terms]
         self._columns = torch.cat(parts).to(device)
         self.size = len(self._columns)
 
