@@ -99,6 +99,9 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
             command.motion_file = _motion(name, options, cfg, command)
     if not options.curriculum:
         cfg.curriculum = {}
+        for action in cfg.actions.values():
+            if hasattr(action, "curriculum"):
+                action.curriculum = False
     _ready_terrain(cfg)
     if options.robust:
         if not any(type(command).__name__ == f"{VELOCITY}Cfg" for command in cfg.commands.values()):

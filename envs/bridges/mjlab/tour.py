@@ -20,10 +20,13 @@ from ...worlds.episodes import refill
 from . import tour_rules as rules
 
 WALKING = "Mjlab-Velocity-Flat-Unitree-G1"
+STEP = 0.2  # in level, of an episode that lasts
 
 
 @dataclass(kw_only=True)
 class HarnessCfg(ActionTermCfg):
+    curriculum: bool
+
     def build(self, env: Any) -> "Harness":
         return Harness(self, env)
 
@@ -31,7 +34,9 @@ class HarnessCfg(ActionTermCfg):
 class Harness(ActionTerm):
     """Moves the arms of N robots, and punches them; takes no action.
 
-    Punches of an episode are as strong as from a random second of the tour on.
+    Punches of an episode are as strong as from a random second of the tour on, times the level of
+    its world. With a curriculum, levels begin at 0, rise with each episode that lasts, and sink
+    with one that ends in its first half; else they are 1.
     """
 
     action_dim = 0
@@ -52,6 +57,7 @@ class Harness(ActionTerm):
         self._before = zeros(N, len(rules.ARM))  # rad, of the left arm
         self._after = torch.zeros_like(self._before)
         self._skipped = zeros(N)  # s of the tour before the episode
+        self._level = zeros(N) + (not cfg.curriculum)
         self._hit = torch.zeros(N, dtype=torch.long, device=env.device)  # joint of the punch
         self._force = zeros(N, 3)
         self._targets = zeros(N, 2 * len(rules.ARM))
@@ -66,6 +72,10 @@ class Harness(ActionTerm):
         self._before[env_ids] = stance[env_ids]
         self._after[env_ids] = stance[env_ids]
         self._skipped[env_ids] = torch.empty_like(self._skipped).uniform_(0, rules.RAMP)[env_ids]
+        if self.cfg.curriculum:
+            lasted = self._env.episode_length_buf / self._env.max_episode_length
+            change = STEP * (lasted >= 1) - 0.5 * STEP * (lasted < 0.5)
+            self._level[env_ids] = (self._level + change).clamp(0, 1)[env_ids]
 
     def process_actions(self, actions: Tensor) -> None:
         steps, dt = self._env.episode_length_buf, self._env.step_dt
@@ -94,9 +104,9 @@ class Harness(ActionTerm):
         joint = torch.empty_like(self._skipped).uniform_(0, len(self._joints)).long()
         direction = torch.nn.functional.normalize(torch.randn_like(self._force), dim=1)
         climbed = ((self._skipped + seconds) / rules.RAMP).clamp(max=1)
-        size = rules.strongest(climbed) * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
+        share = self._level * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
         refill(due, joint.clamp(max=len(self._joints) - 1), self._hit)
-        refill(due, direction * size[:, None], self._force)
+        refill(due, direction * (rules.strongest(climbed) * share)[:, None], self._force)
 
     def _punch(self, active: Tensor) -> None:
         """Push at the joints that are hit, in the worlds of a mask (N,)."""
@@ -118,8 +128,9 @@ def config(play: bool) -> Any:
     pose["asset_cfg"].joint_names = rules.OWNED
     for name in ("std_standing", "std_walking", "std_running"):
         pose[name] = _owned(pose[name])
-    cfg.actions["harness"] = HarnessCfg(entity_name="robot")
+    cfg.actions["harness"] = HarnessCfg(entity_name="robot", curriculum=not play)
     cfg.events.pop("push_robot", None)
+    cfg.curriculum = {}  # of faster commands
     twist = cfg.commands["twist"]
     twist.ranges.lin_vel_x, twist.ranges.lin_vel_y = (-0.6, 1.0), (-0.5, 0.5)
     twist.ranges.ang_vel_z = (-1.0, 1.0)
