@@ -33,6 +33,7 @@ from morlax_torch.runs.choosing import choose
 from morlax_torch.runs.loading import load_front
 from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
+from morlax_torch.viewers.playing.tour import costs
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 
@@ -732,7 +733,21 @@ def test_punches_of_a_tour_grow_with_the_episodes_that_last():
             punches.append(harness._force.norm(dim=1))
         env.step(torch.zeros(4, 15))
     sizes = torch.stack(punches)[:, 1:]  # N
-    assert (harness._level - torch.tensor([0, 0.9, 0.9, 0.9])).abs().max() < 1e-6
-    assert sizes[0].max() == 0 and (sizes[1] > 0).all() and sizes[1].max() <= 100
-    assert sizes[4].min() > 66
+    assert (harness._level - torch.tensor([0, 0.45, 0.45, 0.45])).abs().max() < 1e-6
+    assert sizes[0].max() == 0 and (sizes[1] > 0).all() and sizes[1].max() <= 50
+    assert sizes[4].min() > 33
     assert envs.make(TOUR, 4, "cpu").env.action_manager.get_term("harness")._level.min() == 1
+
+
+def test_the_vibration_of_a_tour_is_that_of_its_score(generator):
+    options = {"objectives": {"vibration": {"vibration": 1.0}, "alive": {"is_alive": 1.0}}}
+    env = envs.make(TOUR, 2, "cpu", stagger=False, guide={}, **options)
+    speeds, rewards = [], []
+    env.reset()
+    for _ in range(8):
+        step = env.step(0.1 * torch.randn(2, 15, generator=generator))
+        speeds.append(env.env.scene["robot"].data.joint_vel[0].numpy().copy())
+        rewards.append(float(step.reward[0, 0]))
+    _, vibration = costs(np.zeros((8, 29)), np.array(speeds), env.dt)
+    assert not (step.terminated | step.truncated).any()
+    assert sum(rewards) == pytest.approx(1e6 * vibration * env.dt, rel=1e-4)

@@ -9,6 +9,10 @@ from functools import partial
 from typing import Any
 
 import torch
+from mjlab.managers import (  # pyright: ignore[reportMissingImports]
+    RewardTermCfg,
+    SceneEntityCfg,
+)
 from mjlab.managers.action_manager import (  # pyright: ignore[reportMissingImports]
     ActionTerm,
     ActionTermCfg,
@@ -20,7 +24,8 @@ from ...worlds.episodes import refill
 from . import tour_rules as rules
 
 WALKING = "Mjlab-Velocity-Flat-Unitree-G1"
-STEP = 0.2  # in level, of an episode that lasts
+STEP = 0.1  # in level, of an episode that lasts
+TURNING = 0.7  # share of commands that turn to a heading, as those of a tour do
 
 
 @dataclass(kw_only=True)
@@ -120,6 +125,27 @@ class Harness(ActionTerm):
         applied.copy_(torch.zeros_like(applied).scatter_(1, index, wrench[:, None]))
 
 
+class Vibration:
+    """The benchmark's vibration of a control step: changes of joints' accelerations in rad/s^2."""
+
+    def __init__(self, cfg: Any, env: Any):
+        self._robot = env.scene[cfg.params["asset_cfg"].name]
+        self._speed = torch.zeros_like(self._robot.data.joint_vel)
+        self._acceleration = torch.zeros_like(self._speed)
+
+    def __call__(self, env: Any, asset_cfg: Any) -> Tensor:
+        speed = self._robot.data.joint_vel
+        acceleration = (speed - self._speed) / env.step_dt
+        change = (acceleration - self._acceleration).abs().sum(1)
+        self._speed.copy_(speed)
+        self._acceleration.copy_(acceleration)
+        return change
+
+    def reset(self, env_ids: Any) -> None:
+        self._speed[env_ids] = 0.0
+        self._acceleration[env_ids] = 0.0
+
+
 def config(play: bool) -> Any:
     """Return mjlab's config of the G1 that walks, with the harness and without pushes."""
     cfg = registry.load_env_cfg(WALKING, play)
@@ -134,6 +160,9 @@ def config(play: bool) -> Any:
     twist = cfg.commands["twist"]
     twist.ranges.lin_vel_x, twist.ranges.lin_vel_y = (-0.6, 1.0), (-0.5, 0.5)
     twist.ranges.ang_vel_z = (-1.0, 1.0)
+    twist.heading_control_stiffness, twist.rel_heading_envs = rules.GAIN, TURNING
+    params = {"asset_cfg": SceneEntityCfg("robot")}
+    cfg.rewards["vibration"] = RewardTermCfg(func=Vibration, weight=0.0, params=params)
     return cfg
 
 

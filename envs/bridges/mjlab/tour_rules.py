@@ -17,6 +17,7 @@ WINDOW, WANDER = 0.5, 0.06  # s between targets; rad, the largest change of a co
 SEGMENT, DELAY, DURATION = 5.0, 0.1, 0.08  # s between punches, before the first, of each
 STRONGEST, RAMP, WEAKEST = 500.0, 60.0, 1 / 3  # N; s until punches are so strong; share at first
 LIGHTEST = 0.5  # share of the strongest punch that is possible at a time
+GAIN = 1.5  # 1/s, from errors of position and heading to commands
 
 
 def strongest(climbed: Any) -> Any:

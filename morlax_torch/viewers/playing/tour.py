@@ -29,7 +29,6 @@ from .robot import Array, Export, Robot, open_export
 POINTS, JOINTS = 18, 29  # waypoints; joints that punches hit
 WALK = POINTS * rules.SEGMENT  # s
 CENTER, RADIUS = np.array([0.3, 0.0]), 1.0  # m, of the disk of waypoints
-GAIN = 1.5  # 1/s, from errors to commands
 ENTER, LEAVE = np.array([0.1, 0.05]), np.array([0.2, 0.12])  # m, rad: reached below, until above
 TRIES = 8  # to find a target where hands may be
 HEIGHT, LOWEST = 0.793, 0.2  # m of the base when the crane lets go, and when the robot fell
@@ -165,7 +164,7 @@ def command(error: Array, reached: NDArray[np.bool_], limits: Array) -> Array:
     """
     sizes = np.array([np.hypot(*error[:2]), abs(error[2])])
     reached[:] = sizes < np.where(reached, LEAVE, ENTER)
-    return (GAIN * error * ~reached[[0, 0, 1]]).clip(*limits.T)
+    return (rules.GAIN * error * ~reached[[0, 0, 1]]).clip(*limits.T)
 
 
 def costs(torques: Array, speeds: Array, dt: float) -> tuple[float, float]:
