@@ -582,7 +582,8 @@ def test_without_a_gpu_the_best_of_the_front_is_chosen():
     front = load_front("g1")
     choice = choose("g1", {}, "speed (m/s)", at_most={"power": 35.0}, margin=0.0, device="cpu")
     assert choice.simulated == 0
-    speed, power = front.quantities[:, [1, 3]].T
+    measured = dict(zip(front.quantity_names, front.quantities.T, strict=True))
+    speed, power = measured["speed (m/s)"], measured["power (W)"]
     best = np.where(power <= 35.0, speed, 0.0).argmax()
     assert choice.tradeoff == pytest.approx(front.tradeoffs[best], abs=1e-4)
     assert choice.quantities["speed (m/s)"] == pytest.approx(speed[best])
@@ -592,7 +593,8 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     policy = load("go1")
     config = policy.config.with_task(episode_length=40)
     front = evaluate(Policy(policy.agent, config, policy.objectives), 3, device="cpu", seeds=4)
-    error, speed, share, power, torque, cost, hottest, shaken, drift, falls = front.quantities.T
+    error, turning, speed, share, power, torque, cost, *others = front.quantities.T
+    hottest, shaken, drift, falls = others
     np.testing.assert_allclose(falls, 1000 * front.falls / front.lengths)
     assert front.quantity_names == worlds.QUANTITIES and len(error) == 3
     assert ((hottest > torque / 35.55) & (hottest < 1)).all() and (drift < speed).all()
@@ -600,6 +602,7 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     assert ((error > 0) & (error < 1.5) & (speed > 0) & (speed < 1.5) & (torque < 24)).all()
     effort, tracking = map(policy.objectives.index, ("effort", "tracking"))
     assert share.max() > 0.5 and share.argmax() == tracking and power.argmin() == effort
+    assert 0 < turning[tracking] < 0.5
     assert (share < 1.2).all()
     weight = 9.81 * 12.7  # of a Go1, about 12.7 kg in mjlab
     np.testing.assert_allclose(cost, power / weight / speed, rtol=0.1)
@@ -610,13 +613,16 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     term.time_left.fill_(1e9)
     for kind in ("heading", "standing", "world"):
         getattr(term, f"is_{kind}_env").zero_()
-    term.metrics["error_vel_xy"].zero_()
-    errors = 0.0
+    names = "error_vel_xy", "error_vel_yaw"
+    for name in names:
+        term.metrics[name].zero_()
+    errors = torch.zeros(2, 2)
     for _ in range(5):
         env.step(noise(env))
-        errors += env.measure()[:, 0]
+        errors += env.measure()[:, :2]
     steps = term.cfg.resampling_time_range[1] / env.env.step_dt  # by which mjlab divides
-    torch.testing.assert_close(term.metrics["error_vel_xy"] * steps, errors)
+    metrics = torch.stack([term.metrics[name] for name in names], 1)
+    torch.testing.assert_close(metrics * steps, errors)
 
 
 def test_torque_is_limited_by_motors_and_by_joints():

@@ -9,6 +9,7 @@ from torch import Tensor
 
 QUANTITIES = (
     "velocity error (m/s)",  # between commanded and actual velocity, mjlab's metric error_vel_xy
+    "turning error (rad/s)",  # the same of turning, mjlab's error_vel_yaw
     "speed (m/s)",
     "speed (share of the commanded)",  # along commands faster than SLOWEST
     "power (W)",  # positive mechanical power, summed over the joints
@@ -21,7 +22,7 @@ QUANTITIES = (
 )
 LOWER_IS_BETTER = tuple(name for name in QUANTITIES if not name.startswith("speed"))
 SLOWEST = 0.3  # m/s; slower commands say little about walking
-COLUMNS = 9  # of `Walking.measure`, before those of joints
+COLUMNS = 10  # of `Walking.measure`, before those of joints
 
 
 class Measures:
@@ -44,25 +45,26 @@ class Walking(Measures):
         wish, velocity, torque = twist[:, :2], data.root_link_lin_vel_b[:, :2], data.qfrc_actuator
         power = (torque * data.joint_vel).clamp(min=0).sum(1)
         error, speed = (wish - velocity).norm(dim=1), velocity.norm(dim=1)
+        turning = (twist[:, 2] - data.root_link_ang_vel_b[:, 2]).abs()
         asked = wish.norm(dim=1)
         fast = (asked > SLOWEST) / asked.clamp(min=SLOWEST)
         along, effort = (velocity * wish).sum(1) * fast, torque.square().mean(1)
         jolts = data.data.qacc[:, self._base].square().sum(1)
         standing = (twist == 0).all(1).to(speed.dtype)
-        walked = error, speed, along, asked**2 * fast, power, effort, jolts
+        walked = error, turning, speed, along, asked**2 * fast, power, effort, jolts
         numbers = torch.stack([*walked, speed * standing, standing], 1)
         return torch.cat([numbers, (torque / self._limits).square()], 1)
 
     def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
         """Return quantities (K, q) from means over time (K, COLUMNS + joints), and falls a step."""
         numbers, joints = means[:, :COLUMNS].T, means[:, COLUMNS:]
-        error, speed, along, asked, power, torque, jolts, drift, standing = numbers
+        error, turning, speed, along, asked, power, torque, jolts, drift, standing = numbers
         weight = self._model.body_mass.sum() * np.linalg.norm(self._model.opt.gravity)
         # a robot that stands has no cost of transport; a large one says so in figures
         share, cost = along / asked.clip(1e-9), power / (weight * speed.clip(0.01))
         hottest, drift = joints.max(1) ** 0.5, drift / standing.clip(1e-9)
         rest = hottest, jolts**0.5, drift, 1000 * falls
-        return np.stack([error, speed, share, power, torque**0.5, cost, *rest], 1)
+        return np.stack([error, turning, speed, share, power, torque**0.5, cost, *rest], 1)
 
 
 def torque_limits(model: mujoco.MjModel) -> np.ndarray:
