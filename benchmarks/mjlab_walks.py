@@ -8,10 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morlax_torch.configuration.config import Config
+from morlax_torch.envs.bridges.mjlab.walking import QUANTITIES
 from morlax_torch.evaluation.evaluator import make_evaluator
 from morlax_torch.evaluation.front import Front
 
-ERROR, SHARE, POWER = 0, 2, 3  # in the order of QUANTITIES in mjlab/walking.py
+ERROR, SHARE, POWER = map(
+    QUANTITIES.index, ("velocity error (m/s)", "speed (share of the commanded)", "power (W)")
+)
 WALKS = 0.7  # share of the commanded speed that counts as walking
 FALLS = 0.2  # per 1,000 steps, at most, of a policy that walks
 
