@@ -25,6 +25,7 @@ from . import tour_rules as rules
 
 WALKING = "Mjlab-Velocity-Flat-Unitree-G1"
 STEP = 0.1  # in level, of an episode that lasts
+ERROR = 0.4  # m/s, rad/s, of such an episode, at most in the mean, else the level stays
 TURNING = 0.7  # share of commands that turn to a heading, as those of a tour do
 
 
@@ -40,8 +41,8 @@ class Harness(ActionTerm):
     """Moves the arms of N robots, and punches them; takes no action.
 
     Punches of an episode are as strong as from a random second of the tour on, times the level of
-    its world. With a curriculum, levels begin at 0, rise with each episode that lasts, and sink
-    with one that ends in its first half; else they are 1.
+    its world. With a curriculum, levels begin at 0, rise with each episode that lasts and follows
+    its commands, and sink with one that ends in its first half; else they are 1.
     """
 
     action_dim = 0
@@ -63,6 +64,7 @@ class Harness(ActionTerm):
         self._after = torch.zeros_like(self._before)
         self._skipped = zeros(N)  # s of the tour before the episode
         self._level = zeros(N) + (not cfg.curriculum)
+        self._errors = zeros(N, 2)  # of velocity and turning, summed over the episode's steps
         self._hit = torch.zeros(N, dtype=torch.long, device=env.device)  # joint of the punch
         self._force = zeros(N, 3)
         self._targets = zeros(N, 2 * len(rules.ARM))
@@ -78,12 +80,15 @@ class Harness(ActionTerm):
         self._after[env_ids] = stance[env_ids]
         self._skipped[env_ids] = torch.empty_like(self._skipped).uniform_(0, rules.RAMP)[env_ids]
         if self.cfg.curriculum:
-            lasted = self._env.episode_length_buf / self._env.max_episode_length
-            change = STEP * (lasted >= 1) - 0.5 * STEP * (lasted < 0.5)
+            steps, most = self._env.episode_length_buf, self._env.max_episode_length
+            followed = (self._errors <= ERROR * steps[:, None]).all(1)
+            change = STEP * ((steps >= most) & followed) - 0.5 * STEP * (steps < most / 2)
             self._level[env_ids] = (self._level + change).clamp(0, 1)[env_ids]
+            self._errors[env_ids] = 0.0
 
     def process_actions(self, actions: Tensor) -> None:
         steps, dt = self._env.episode_length_buf, self._env.step_dt
+        self._compare()
         self._move_arms(steps, round(rules.WINDOW / dt))
         since = steps - round(rules.DELAY / dt)
         phase = since % round(rules.SEGMENT / dt)
@@ -92,6 +97,12 @@ class Harness(ActionTerm):
 
     def apply_actions(self) -> None:
         self._robot.set_joint_position_target(self._targets, joint_ids=self._arms)
+
+    def _compare(self) -> None:
+        command, data = self._env.command_manager.get_command("twist"), self._robot.data
+        velocity = (command[:, :2] - data.root_link_lin_vel_b[:, :2]).norm(dim=1)
+        turning = (command[:, 2] - data.root_link_ang_vel_b[:, 2]).abs()
+        self._errors += torch.stack([velocity, turning], 1)
 
     def _move_arms(self, steps: Tensor, window: int) -> None:
         shape = *self._after.shape, window
