@@ -125,7 +125,7 @@ def check(model: mujoco.MjModel, tolerance: float = 0.0, *, scene: bool = True) 
     Numbers may differ by `tolerance`, a share of the largest such number of the robot; 0 accepts
     only rounding. `scene`: whether to compare geoms that cannot move, too.
     """
-    motion = _motion(model)
+    motion = reflections(model)
     shares = sorted(_Comparison(model, motion, scene).shares, key=lambda each: -each[0])
     if differences := [each for each in shares if each[0] > tolerance]:
         words = "; ".join(words for _, words in differences[:NAMED])
@@ -164,7 +164,8 @@ def partners(positions: Array, names: Sequence[str], barred: Array | float = 0.0
     return order.tolist()
 
 
-def _motion(model: mujoco.MjModel) -> Motion:
+def reflections(model: mujoco.MjModel) -> Motion:
+    """Return the reflections of a model whose joints have partners, whatever else differs."""
     data = posed(model)
     if (model.jnt_type == mjtJoint.mjJNT_BALL).any():
         raise _cannot("it has ball joints, whose mirror image is not known")

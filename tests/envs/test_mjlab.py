@@ -594,7 +594,7 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     config = policy.config.with_task(episode_length=40)
     front = evaluate(Policy(policy.agent, config, policy.objectives), 3, device="cpu", seeds=4)
     error, turning, speed, share, power, torque, cost, *others = front.quantities.T
-    hottest, shaken, drift, falls = others
+    hottest, shaken, landing, uneven, drift, falls = others
     np.testing.assert_allclose(falls, 1000 * front.falls / front.lengths)
     assert front.quantity_names == worlds.QUANTITIES and len(error) == 3
     assert ((hottest > torque / 35.55) & (hottest < 1)).all() and (drift < speed).all()
@@ -603,6 +603,7 @@ def test_evaluations_measure_velocity_power_and_cost_of_transport(monkeypatch):
     effort, tracking = map(policy.objectives.index, ("effort", "tracking"))
     assert share.max() > 0.5 and share.argmax() == tracking and power.argmin() == effort
     assert 0 < turning[tracking] < 0.5
+    assert ((landing > 0.1) & (landing < 3)).all() and ((uneven > 0) & (uneven < 0.5)).all()
     assert (share < 1.2).all()
     weight = 9.81 * 12.7  # of a Go1, about 12.7 kg in mjlab
     np.testing.assert_allclose(cost, power / weight / speed, rtol=0.1)

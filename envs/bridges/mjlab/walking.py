@@ -7,6 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...errors import MorlaxError
+from ...worlds.mirror import reflections
+
 QUANTITIES = (
     "velocity error (m/s)",  # between commanded and actual velocity, mjlab's metric error_vel_xy
     "turning error (rad/s)",  # the same of turning, mjlab's error_vel_yaw
@@ -17,12 +20,14 @@ QUANTITIES = (
     "cost of transport",  # power / (weight * speed)
     "hottest joint (share of its torque limit)",  # root mean square of its torque over time
     "acceleration of the base (m/s²)",  # root mean square
+    "landing force (share of the weight)",  # of a foot, when it begins to touch the ground
+    "asymmetry (share)",  # of the torques of a joint and of its partner: their difference by sum
     "drift (m/s)",  # speed when told to stand
     "falls (per 1,000 steps)",  # episodes that fail, by control steps
 )
 LOWER_IS_BETTER = tuple(name for name in QUANTITIES if not name.startswith("speed"))
 SLOWEST = 0.3  # m/s; slower commands say little about walking
-COLUMNS = 10  # of `Walking.measure`, before those of joints
+COLUMNS = 12  # of `Walking.measure`, before those of joints
 
 
 class Measures:
@@ -34,10 +39,23 @@ class Measures:
         self._base = indexing.free_joint_v_adr[:3]
         limits = torque_limits(self._model)[indexing.joint_v_adr.cpu().numpy()]
         self._limits = torch.from_numpy(limits).float().to(indexing.joint_v_adr.device)
+        weight = self._model.body_mass.sum() * np.linalg.norm(self._model.opt.gravity)
+        self._weight = float(weight)  # N
 
 
 class Walking(Measures):
     """Measures robots that follow a velocity command."""
+
+    def __init__(self, env: Any, command: Any):
+        super().__init__(env, command)
+        sensors = env.scene.sensors.values()
+        self._feet = next(filter(lambda sensor: _touches(sensor.cfg), sensors), None)
+        dofs = self._robot.indexing.joint_v_adr.tolist()
+        try:
+            images = reflections(self._model).velocities.order[dofs].tolist()
+        except MorlaxError:
+            images = []
+        self._partners = [dofs.index(image) for image in images if image in dofs]
 
     def measure(self) -> Tensor:
         """Return numbers of this step, (N, COLUMNS + joints), to take means of."""
@@ -52,19 +70,40 @@ class Walking(Measures):
         jolts = data.data.qacc[:, self._base].square().sum(1)
         standing = (twist == 0).all(1).to(speed.dtype)
         walked = error, turning, speed, along, asked**2 * fast, power, effort, jolts
-        numbers = torch.stack([*walked, speed * standing, standing], 1)
+        numbers = torch.stack([*walked, speed * standing, standing, *self._landings(speed)], 1)
         return torch.cat([numbers, (torque / self._limits).square()], 1)
+
+    def _landings(self, like: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the force of feet that land, in weights, and their number, (N,) each."""
+        if self._feet is None:
+            return torch.zeros_like(like), torch.zeros_like(like)
+        landing = self._feet.compute_first_contact(dt=self._env.step_dt).to(like.dtype)
+        force = self._feet.data.force.norm(dim=-1) / self._weight
+        return (force * landing).sum(1), landing.sum(1)
 
     def quantify(self, means: np.ndarray, falls: np.ndarray) -> np.ndarray:
         """Return quantities (K, q) from means over time (K, COLUMNS + joints), and falls a step."""
         numbers, joints = means[:, :COLUMNS].T, means[:, COLUMNS:]
-        error, turning, speed, along, asked, power, torque, jolts, drift, standing = numbers
-        weight = self._model.body_mass.sum() * np.linalg.norm(self._model.opt.gravity)
+        error, turning, speed, along, asked, power, torque, jolts, *others = numbers
+        drift, standing, force, landings = others
         # a robot that stands has no cost of transport; a large one says so in figures
-        share, cost = along / asked.clip(1e-9), power / (weight * speed.clip(0.01))
+        share, cost = along / asked.clip(1e-9), power / (self._weight * speed.clip(0.01))
         hottest, drift = joints.max(1) ** 0.5, drift / standing.clip(1e-9)
-        rest = hottest, jolts**0.5, drift, 1000 * falls
+        force = np.divide(force, landings, out=np.full_like(force, np.nan), where=landings > 0)
+        rest = hottest, jolts**0.5, force, self._asymmetry(joints**0.5), drift, 1000 * falls
         return np.stack([error, turning, speed, share, power, torque**0.5, cost, *rest], 1)
+
+    def _asymmetry(self, torques: np.ndarray) -> np.ndarray:
+        """Return the share (K,) that two sides differ by, given means of joints (K, J)."""
+        if len(self._partners) < torques.shape[1]:
+            return np.full(len(torques), np.nan)
+        others = torques[:, self._partners]
+        return abs(torques - others).sum(1) / (torques + others).sum(1).clip(1e-9)
+
+
+def _touches(cfg: Any) -> bool:
+    """Return whether a sensor's config is that of feet on the ground."""
+    return getattr(cfg, "track_air_time", False) and "force" in cfg.fields
 
 
 def torque_limits(model: mujoco.MjModel) -> np.ndarray:
