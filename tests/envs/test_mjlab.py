@@ -495,6 +495,15 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
         envs.make(CARTPOLE, 1, "cpu", robust=True)
 
 
+def test_worlds_that_share_a_trade_off_walk_on_all_kinds_of_ground():
+    terrain = envs.make(ROUGH, 60, "cpu", curriculum=True).env.scene.terrain
+    assert all(len(cluster.unique()) == 7 for cluster in terrain.terrain_types.view(3, 20))
+    numbers = torch.bincount(terrain.terrain_types)
+    assert (numbers / 60 - torch.tensor([0.2] * 3 + [0.1] * 4)).abs().max() < 0.03
+    places = terrain.terrain_origins[terrain.terrain_levels, terrain.terrain_types]
+    assert torch.equal(terrain.env_origins, places)
+
+
 def late(cfg: Any) -> None:
     robot = cfg.scene.entities["robot"]
     motors = [replace(motor, delay_max_lag=2) for motor in robot.articulation.actuators]

@@ -86,6 +86,7 @@ class MjlabWorlds(ForeignWorlds):
             self.generator = global_generator(self.device).manual_seed(seed)
         with drawing_from(self.generator):
             self.env = build(self.name, partial(self.config, seed), self.device)
+            self._mix_ground()
             groups, _ = self.env.reset()
         self.reward_terms = tuple(self.env.reward_manager.active_terms)
         self.dt, self.age = self.env.step_dt, self.env.episode_length_buf
@@ -104,6 +105,18 @@ class MjlabWorlds(ForeignWorlds):
             self.follows_part = self.episode_length < terms[MOTION].motion.time_step_total - 1
             self.quantities = self.lower_is_better = following.QUANTITIES
         self._step = MaskedStep(self.env, self.groups, self.restarts) if masked else None
+
+    def _mix_ground(self) -> None:
+        """Spread the kinds of uneven ground over the worlds, which mjlab puts in their order.
+
+        Neighboring worlds share a trade-off, so the corners would know one kind alone.
+        """
+        terrain, number = self.env.scene.terrain, self.num_worlds
+        if getattr(terrain, "terrain_origins", None) is not None:
+            order = torch.arange(number, dtype=torch.float64, device=self.device)
+            kinds = terrain.terrain_types[(order * following.GOLDEN % 1 * number).long()]
+            terrain.terrain_types.copy_(kinds)
+            terrain.env_origins.copy_(terrain.terrain_origins[terrain.terrain_levels, kinds])
 
     def _remember(self) -> None:
         manager, (actor, *_) = self.env.observation_manager, self.groups
