@@ -26,7 +26,7 @@ class Outcome(NamedTuple):
 
 
 class ForeignWorlds(Worlds):
-    """N worlds of another library. Their state is not saved: they restart in a resumed run.
+    """N worlds of another library. Their episodes are not saved: they restart in a resumed run.
 
     Without automatic reset, a world whose episode is over earns nothing and shows how it ended. A
     world that is not finite terminates with zero reward.

@@ -187,11 +187,11 @@ class Worlds(ABC):
         return ""
 
     def state_dict(self) -> dict[str, Any]:
-        """Copy the state that the worlds' future depends on, if `resumable`."""
+        """Copy the state that the worlds' future depends on, if `resumable`, or a part of it."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state of the same number of worlds, in place, if `resumable`."""
+        """Restore a `state_dict` of the same number of worlds, in place."""
         assert not state, "these worlds have no state to restore"
 
     def reseed(self, seed: int) -> None:

@@ -245,14 +245,15 @@ class Learner(ABC):
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on; "agent" holds the agent's state.
 
-        Worlds that are not resumable are left out, and go on as they are after `load_state_dict`.
+        Of worlds that are not resumable, it has what they save, such as levels of difficulty; after
+        `load_state_dict`, they go on as they are then.
         """
         tensors = self._state | self._process_state
         return {
             **{name: [x.detach().clone() for x in values] for name, values in tensors.items()},
             "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
             "generator": self.generator.get_state(),
-            "environment": self.env.state_dict() if self.env.resumable else {},
+            "environment": self.env.state_dict(),
             "observation": self.observation.clone(),
             "episodes": self._episodes.running.clone(),
             "iteration": self.iteration,
@@ -267,8 +268,8 @@ class Learner(ABC):
                 mine.copy_(stored.view_as(mine))  # never broadcast
         self.agent.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
+        self.env.load_state_dict(state["environment"])
         if self.env.resumable:
-            self.env.load_state_dict(state["environment"])
             self.observation.copy_(state["observation"].view_as(self.observation))
             self._episodes.running.copy_(state["episodes"])
         else:

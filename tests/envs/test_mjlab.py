@@ -17,7 +17,7 @@ from calm import calm
 from peers import check_run
 from recordable import NoCopies, NoSync, check_recordable, check_recorded_step
 from same import csv_rows
-from tiny import FEW, tiny
+from tiny import FEW, learner, tiny
 
 from morlax_torch import MorlaxError, Policy, envs, evaluate, load
 from morlax_torch.commands.terminal.arguments import read
@@ -750,10 +750,10 @@ def test_punches_of_a_tour_grow_with_the_episodes_that_last():
             punches.append(harness._force.norm(dim=1)[1:4])
         env.env.command_manager.get_command("twist").copy_(wish.expand(-1, 3))
         env.step(torch.zeros(5, 15))
-    assert (harness._level - torch.tensor([0, 0.45, 0.45, 0.45, 0])).abs().max() < 1e-6
+    assert (harness.level - torch.tensor([0, 0.45, 0.45, 0.45, 0])).abs().max() < 1e-6
     assert punches[0].max() == 0 and (punches[1] > 0).all() and punches[1].max() <= 50
     assert punches[4].min() > 33  # N
-    assert envs.make(TOUR, 4, "cpu").env.action_manager.get_term("harness")._level.min() == 1
+    assert envs.make(TOUR, 4, "cpu").env.action_manager.get_term("harness").level.min() == 1
 
 
 def test_the_vibration_of_a_tour_is_that_of_its_score(generator):
@@ -768,3 +768,20 @@ def test_the_vibration_of_a_tour_is_that_of_its_score(generator):
     _, vibration = costs(np.zeros((8, 29)), np.array(speeds), env.dt)
     assert not (step.terminated | step.truncated).any()
     assert sum(rewards) == pytest.approx(1e6 * vibration * env.dt, rel=1e-4)
+
+
+@pytest.mark.parametrize(("name", "level"), [(TOUR, 0.6), (ROUGH, 3)])
+def test_a_resumed_run_goes_on_at_its_levels_of_difficulty(name, level):
+    first, resumed = (learner(tiny(name, backend=None, **FEW)) for _ in range(2))
+    (levels,) = first.env._levels()
+    levels.fill_(level)
+    resumed.load_state_dict(first.state_dict())
+    env = resumed.env.env
+    assert torch.equal(resumed.env._levels()[0], levels)
+    assert torch.equal(resumed.observation, resumed.env.critic_observation())
+    places = env.sim.data.qpos[:, :2] - env.scene.env_origins[:, :2]
+    assert places.abs().max() <= 0.5  # m
+    if name == ROUGH:
+        ground = env.scene.terrain
+        assert torch.equal(env.scene.env_origins, ground.terrain_origins[3, ground.terrain_types])
+    resumed.load_state_dict({**first.state_dict(), "environment": {}})  # of an earlier version

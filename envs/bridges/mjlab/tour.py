@@ -63,7 +63,7 @@ class Harness(ActionTerm):
         self._before = zeros(N, len(rules.ARM))  # rad, of the left arm
         self._after = torch.zeros_like(self._before)
         self._skipped = zeros(N)  # s of the tour before the episode
-        self._level = zeros(N) + (not cfg.curriculum)
+        self.level = zeros(N) + (not cfg.curriculum)
         self._errors = zeros(N, 2)  # of velocity and turning, summed over the episode's steps
         self._hit = torch.zeros(N, dtype=torch.long, device=env.device)  # joint of the punch
         self._force = zeros(N, 3)
@@ -83,7 +83,7 @@ class Harness(ActionTerm):
             steps, most = self._env.episode_length_buf, self._env.max_episode_length
             followed = (self._errors <= ERROR * steps[:, None]).all(1)
             change = STEP * ((steps >= most) & followed) - 0.5 * STEP * (steps < most / 2)
-            self._level[env_ids] = (self._level + change).clamp(0, 1)[env_ids]
+            self.level[env_ids] = (self.level + change).clamp(0, 1)[env_ids]
             self._errors[env_ids] = 0.0
 
     def process_actions(self, actions: Tensor) -> None:
@@ -120,7 +120,7 @@ class Harness(ActionTerm):
         joint = torch.empty_like(self._skipped).uniform_(0, len(self._joints)).long()
         direction = torch.nn.functional.normalize(torch.randn_like(self._force), dim=1)
         climbed = ((self._skipped + seconds) / rules.RAMP).clamp(max=1)
-        share = self._level * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
+        share = self.level * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
         refill(due, joint.clamp(max=len(self._joints) - 1), self._hit)
         refill(due, direction * (rules.strongest(climbed) * share)[:, None], self._force)
 

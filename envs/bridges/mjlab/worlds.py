@@ -155,6 +155,28 @@ class MjlabWorlds(ForeignWorlds):
     def mirror(self, tolerance: float = 0.0) -> Mirror:
         return mirror_of(self.env, self.groups, tolerance, self.lengths)
 
+    def state_dict(self) -> dict[str, Any]:
+        """Copy the levels of ground and punches, which take many episodes to rise."""
+        return {"levels": [values.clone() for values in self._levels()]}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restart all worlds at stored levels; runs of earlier versions have none."""
+        if not (stored := state.get("levels")):
+            return
+        for restarted in (False, True):
+            for values, kept in zip(self._levels(), stored, strict=True):
+                values.copy_(kept)
+            if not restarted:  # robots start on the ground of their level, and levels may change
+                self.reset()
+
+    def _levels(self) -> list[Tensor]:
+        """Return the levels of difficulty of the worlds, (N,) each."""
+        manager = self.env.action_manager
+        terms = [manager.get_term(name) for name in manager.active_terms]
+        punches = [term.level for term in terms if hasattr(term, "level")]
+        ground = getattr(self.env.scene.terrain, "terrain_levels", None)
+        return punches if ground is None else [ground, *punches]
+
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         worlds = which.nonzero().squeeze(1)  # waits for the GPU
         if not len(worlds):
