@@ -242,18 +242,22 @@ class Learner(ABC):
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
 
+    @property
+    def _saves_worlds(self) -> bool:
+        return self.env.resumable or self.env.saves_levels
+
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on; "agent" holds the agent's state.
 
-        Of worlds that are not resumable, it has what they save, such as levels of difficulty; after
-        `load_state_dict`, they go on as they are then.
+        Worlds that are not resumable are left out, but for the levels of difficulty of some, and go
+        on as they are after `load_state_dict`.
         """
         tensors = self._state | self._process_state
         return {
             **{name: [x.detach().clone() for x in values] for name, values in tensors.items()},
             "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
             "generator": self.generator.get_state(),
-            "environment": self.env.state_dict(),
+            "environment": self.env.state_dict() if self._saves_worlds else {},
             "observation": self.observation.clone(),
             "episodes": self._episodes.running.clone(),
             "iteration": self.iteration,
@@ -268,7 +272,8 @@ class Learner(ABC):
                 mine.copy_(stored.view_as(mine))  # never broadcast
         self.agent.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
-        self.env.load_state_dict(state["environment"])
+        if self._saves_worlds:
+            self.env.load_state_dict(state["environment"])
         if self.env.resumable:
             self.observation.copy_(state["observation"].view_as(self.observation))
             self._episodes.running.copy_(state["episodes"])

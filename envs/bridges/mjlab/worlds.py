@@ -71,6 +71,7 @@ class MjlabWorlds(ForeignWorlds):
     options: MjlabOptions
     simulator = "mjlab"
     needs_gpu = True
+    saves_levels = True
     restarts = True  # in the step that ends an episode, whether or not a caller restarts them
 
     def _open(self, seed: int) -> None:
