@@ -164,11 +164,13 @@ class MjlabWorlds(ForeignWorlds):
         """Restart all worlds at stored levels; runs of earlier versions have none."""
         if not (stored := state.get("levels")):
             return
-        for restarted in (False, True):
-            for values, kept in zip(self._levels(), stored, strict=True):
-                values.copy_(kept)
-            if not restarted:  # robots start on the ground of their level, and levels may change
-                self.reset()
+        self._set_levels(stored)
+        self.reset()  # on the ground of these levels, which may change them
+        self._set_levels(stored)
+
+    def _set_levels(self, stored: list[Tensor]) -> None:
+        for values, kept in zip(self._levels(), stored, strict=True):
+            values.copy_(kept)
 
     def _levels(self) -> list[Tensor]:
         """Return the levels of difficulty of the worlds, (N,) each."""
