@@ -698,6 +698,8 @@ def test_on_a_tour_others_move_the_arms_and_punch(generator):
     assert env.action_size == 15 and not any("shoulder" in name for name in owned)
     env.reset()
     skipped, forces, ranges = harness._skipped.clone(), [], robot.data.joint_pos_limits
+    ahead = (harness._after - harness._before).abs().mean(1)  # rad
+    assert ahead[skipped > 40].mean() > 2 * ahead[skipped < 10].mean() > 0
     for step in range(12):
         state = env.env.sim.data.qpos[:].clone()
         after = env.step(0.2 * torch.randn(64, 15, generator=generator))

@@ -40,9 +40,10 @@ class HarnessCfg(ActionTermCfg):
 class Harness(ActionTerm):
     """Moves the arms of N robots, and punches them; takes no action.
 
-    Punches of an episode are as strong as from a random second of the tour on, times the level of
-    its world. With a curriculum, levels begin at 0, rise with each episode that lasts and follows
-    its commands, and sink with one that ends in its first half; else they are 1.
+    Episodes begin in a random second of the tour: punches are as strong, times the level of their
+    world, and arms move to where they may be by then in the first segment. With a curriculum,
+    levels begin at 0, rise with each episode that lasts and follows its commands, and sink with one
+    that ends in its first half; else they are 1.
     """
 
     action_dim = 0
@@ -76,9 +77,11 @@ class Harness(ActionTerm):
 
     def reset(self, env_ids: Any) -> None:
         stance = self._robot.data.default_joint_pos[:, self._arms[: len(rules.ARM)]]
-        self._before[env_ids] = stance[env_ids]
-        self._after[env_ids] = stance[env_ids]
-        self._skipped[env_ids] = torch.empty_like(self._skipped).uniform_(0, rules.RAMP)[env_ids]
+        skipped = torch.empty_like(self._skipped).uniform_(0, rules.RAMP)
+        anywhere = torch.lerp(self._lowest, self._highest, torch.rand_like(stance))
+        walked = torch.lerp(stance, anywhere, (skipped / rules.RAMP).sqrt()[:, None])
+        self._before[env_ids], self._after[env_ids] = stance[env_ids], walked[env_ids]
+        self._skipped[env_ids] = skipped[env_ids]
         if self.cfg.curriculum:
             steps, most = self._env.episode_length_buf, self._env.max_episode_length
             followed = (self._errors <= ERROR * steps[:, None]).all(1)
@@ -89,9 +92,9 @@ class Harness(ActionTerm):
     def process_actions(self, actions: Tensor) -> None:
         steps, dt = self._env.episode_length_buf, self._env.step_dt
         self._compare()
-        self._move_arms(steps, round(rules.WINDOW / dt))
-        since = steps - round(rules.DELAY / dt)
-        phase = since % round(rules.SEGMENT / dt)
+        segment, since = round(rules.SEGMENT / dt), steps - round(rules.DELAY / dt)
+        self._move_arms(steps, round(rules.WINDOW / dt), segment)
+        phase = since % segment
         self._aim((since >= 0) & (phase == 0), steps * dt)
         self._punch((since >= 0) & (phase < round(rules.DURATION / dt)))
 
@@ -104,15 +107,16 @@ class Harness(ActionTerm):
         turning = (command[:, 2] - data.root_link_ang_vel_b[:, 2]).abs()
         self._errors += torch.stack([velocity, turning], 1)
 
-    def _move_arms(self, steps: Tensor, window: int) -> None:
+    def _move_arms(self, steps: Tensor, window: int, way: int) -> None:
+        """Move to the next targets, one per `window` of steps, after the `way` to the first."""
         shape = *self._after.shape, window
         walk = self._after.new_empty(shape).uniform_(-rules.WANDER, rules.WANDER).sum(-1)
         wish = (self._after + walk).clamp(self._lowest, self._highest)
-        due = steps % window == 0
+        due = (steps % window == 0) & (steps >= way)
         refill(due, self._after, self._before)
         refill(due, wish, self._after)
-        share = ((steps % window + 1) / window)[:, None]
-        left = torch.lerp(self._before, self._after, share)
+        share = torch.where(steps < way, (steps + 1) / way, (steps % window + 1) / window)
+        left = torch.lerp(self._before, self._after, share[:, None])
         self._targets.copy_(torch.cat([left, left * self._mirror], 1))
 
     def _aim(self, due: Tensor, seconds: Tensor) -> None:
