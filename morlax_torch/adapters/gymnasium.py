@@ -36,6 +36,12 @@ def box(size: int, limit: float = np.inf) -> gymnasium.spaces.Box:
     return gymnasium.spaces.Box(-limit, limit, (size,), np.float32)
 
 
+def check_options(options: dict[str, Any] | None) -> None:
+    """Raise MorlaxError if there are options of a reset."""
+    if options:
+        raise MorlaxError(f"reset takes no options, but got {shortened(options)}.")
+
+
 class UnknownOption(MorlaxError, TypeError):
     """An unknown option, also in Python's own words for an unexpected keyword argument.
 
@@ -150,8 +156,7 @@ class OneTask:
 
     def _restart(self, seed: int | None, options: dict[str, Any] | None) -> Tensor:
         """Reset the worlds after Gymnasium's own part; returns the observation (N, O)."""
-        if options:
-            raise MorlaxError(f"reset takes no options, but got {shortened(options)}.")
+        check_options(options)
         if seed is not None or not self._was_reset:
             self.worlds.reseed(int(self.np_random.integers(2**63)))
         self._was_reset = True

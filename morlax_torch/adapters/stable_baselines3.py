@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..envs import MorlaxError
 from ..envs.errors import require
 from .episode_statistics import EpisodeStatistics
-from .gymnasium import GymnasiumVectorEnv
+from .gymnasium import GymnasiumVectorEnv, check_options
 
 require("Stable-Baselines3", "stable-baselines3", "2.7", "sb3")
 
@@ -57,10 +57,14 @@ class StableBaselines3VecEnv(VecEnv):
 
         The first seed set by `seed` seeds all worlds.
         """
-        observation, _ = self._statistics.reset(seed=self._seeds[0], options=self._options[0])
+        observation, _ = self._statistics.reset(seed=self._seeds[0])
         self._reset_seeds()
-        self._reset_options()
         return observation.cpu().numpy()
+
+    def set_options(self, options: list[dict] | dict | None = None) -> None:
+        """Check that there are no options: resets take none."""
+        for each in options if isinstance(options, list) else [options]:
+            check_options(each)
 
     def step_async(self, actions: NDArray) -> None:
         """Store actions (N, A) in [-1, 1] for `step_wait`; they must be finite."""

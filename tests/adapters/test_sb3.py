@@ -56,6 +56,15 @@ def test_sb3_s_checker_and_wrappers_work():
     env.close()
 
 
+def test_options_of_resets_are_refused_at_once():
+    env = VecNormalize(worlds())
+    env.set_options({})
+    for options in ({"low": 0.1}, [{}, {"low": 0.1}, {}, {}]):
+        with pytest.raises(MorlaxError, match="reset takes no options, but got {'low'"):
+            env.set_options(options)
+    assert env.reset().shape == (4, 17)
+
+
 def test_worlds_are_one_batch():
     with pytest.raises(MorlaxError, match="tradeoff cannot be set"):
         worlds().set_attr("tradeoff", (1, 0))
