@@ -41,15 +41,16 @@ def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, 
         assert "cannot listen on" in text and "choose another --port or --host" in text
 
 
-def test_without_websockets_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
+def test_with_old_websockets_the_error_names_the_extra(workplace, make_run, monkeypatch, refused):
     make_run(workplace / "run", "hopper", "best")
-    ours = [f"morlax_torch.viewers.explorer.{name}" for name in ("page", "server")]
-    for name in [name for name in sys.modules if name.startswith("websockets.") or name in ours]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "websockets", None)
+    for name in ("page", "server"):
+        monkeypatch.delitem(sys.modules, f"morlax_torch.viewers.explorer.{name}", raising=False)
+    monkeypatch.setattr("importlib.metadata.version", {"websockets": "13.1"}.__getitem__)
     tried = (explore, "run", "--port", "0"), (train, "--env", "hopper", *TYPED, "--explore")
     for words in tried:
-        assert "pip install 'morlax-torch[explore]'" in refused(*words)
+        message = refused(*words)
+        assert "websockets 14 or later is needed, but 13.1 is installed" in message
+        assert "pip install 'morlax-torch[explore]'" in message
 
 
 WAITING = """

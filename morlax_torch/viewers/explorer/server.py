@@ -18,16 +18,15 @@ from functools import cache
 from http import HTTPStatus
 from pathlib import Path
 
-from ...envs.errors import MorlaxError, installation
+from ...envs.errors import MorlaxError, require
 
-try:
-    from websockets.asyncio.server import ServerConnection, broadcast, serve
-    from websockets.datastructures import Headers
-    from websockets.exceptions import ConnectionClosed
-    from websockets.http11 import Request, Response
-    from websockets.protocol import State
-except ModuleNotFoundError:
-    raise MorlaxError(f"the page needs websockets: {installation('explore')}.") from None
+require("websockets", "websockets", "14", "explore")
+
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 SOCKET = "socket"  # path of the websocket
 FORBIDDEN = "Open the address that the command printed: it ends with a secret token.\n"
