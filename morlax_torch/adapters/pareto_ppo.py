@@ -250,7 +250,8 @@ class ParetoPPO(PPO):
             self.front.observe(parts[learning:], dones[learning:])
         if self.storage.step == self.storage.num_transitions_per_env:
             paid = (self._paid / self.storage.step).tolist()
-            values = dict(zip(self.objectives, paid, strict=True))
+            names = (f"mean_reward/{name}" for name in self.objectives)
+            values = dict(zip(names, paid, strict=True))
             values |= self.front.indicators() if self.front else {}
             self._logged = {f"Pareto/{name}": value for name, value in values.items()}
             extras.setdefault("log", {})

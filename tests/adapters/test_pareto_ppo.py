@@ -82,7 +82,7 @@ def test_its_front_trades_off_and_tensorboard_shows_it(trained):
     assert returns[-1, 0] > returns[0, 0] + 1 and returns[0, 1] > returns[-1, 1] + 0.2
     logged = EventAccumulator(str(folder)).Reload()
     volumes = [event.value for event in logged.Scalars("Pareto/hypervolume")]
-    assert volumes[-1] > 0 and len(logged.Scalars("Pareto/tracking")) >= 59
+    assert volumes[-1] > 0 and len(logged.Scalars("Pareto/mean_reward/tracking")) >= 59
     assert logged.Scalars("Pareto/non_dominated")[-1].value >= 0.5
 
 
@@ -101,7 +101,13 @@ def test_what_a_host_logs_when_episodes_end_comes_first():
     learn(make(env), 3)
     logs = {index: extras["log"] for index, extras in enumerate(steps) if "log" in extras}
     assert [*logs] == [7, 15, 19, 23]  # of rollouts of 8 steps and episodes of 20
-    assert all("Pareto/tracking" in log for log in logs.values())
+    assert all("Pareto/mean_reward/tracking" in log for log in logs.values())
+
+
+def test_an_objective_may_be_named_like_an_indicator():
+    objectives = {"hypervolume": OBJECTIVES["tracking"], "saving": OBJECTIVES["saving"]}
+    logged = learn(make(objectives=objectives), 6).alg._logged
+    assert {"Pareto/hypervolume", "Pareto/mean_reward/hypervolume"} <= logged.keys()
 
 
 def test_advantages_are_those_of_ppo_for_the_weighted_reward():
