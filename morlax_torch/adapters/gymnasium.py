@@ -2,7 +2,6 @@
 
 import secrets
 import time
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -29,6 +28,7 @@ from ..gpu.graph import Graph
 from ..host.resources import one_thread
 from ..viewers.camera import FollowingCamera
 from ..viewers.filming.rendering import Scene, check_size
+from ..viewers.window import open_window
 
 
 def box(size: int, limit: float = np.inf) -> gymnasium.spaces.Box:
@@ -76,7 +76,9 @@ class Pictures:
         """Show a state in MuJoCo's passive viewer, a control step after the previous one."""
         self._pose(qpos, qvel)
         if self._viewer is None:
-            self._viewer, self._due = _window(self._model, self._data), time.monotonic()
+            scene, remedy = (self._model, self._data), "use 'rgb_array'"
+            self._viewer = open_window(*scene, remedy, show_right_ui=False)
+            self._due = time.monotonic()
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = max(self._due, time.monotonic()) + self._dt
         if self._viewer.is_running():
@@ -92,22 +94,6 @@ class Pictures:
         self._data.qpos[:] = qpos.cpu().numpy()
         self._data.qvel[:] = qvel.cpu().numpy()
         mujoco.mj_forward(self._model, self._data)
-
-
-def _window(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
-    """Open MuJoCo's passive viewer, which shows what its caller changes in `data`."""
-    import glfw
-    import mujoco.viewer
-
-    # check first: MuJoCo's viewer would fail in its own thread while its caller waits forever
-    with warnings.catch_warnings(action="ignore"):
-        has_screen = glfw.init()
-    if not has_screen:
-        raise MorlaxError("there is no screen here: use 'rgb_array'.")
-    try:
-        return mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
-    except RuntimeError as error:  # macOS opens windows only under mjpython
-        raise MorlaxError(f"MuJoCo cannot open a window here: {error}.") from None
 
 
 class OneTask:

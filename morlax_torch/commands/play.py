@@ -65,8 +65,9 @@ def command(arguments: Sequence[str]) -> None:
         if getattr(options, name) != Play.model_fields[name].default:
             flag, where = name.replace("_", "-"), "in" if options.tour else "without"
             raise MorlaxError(f"--{flag} has no effect {where} a tour (--tour): leave it out.")
-    from ..viewers.playing.episodes import HELP, SLIDING, film, has_display, run, show
+    from ..viewers.playing.episodes import HELP, SLIDING, film, run, show
     from ..viewers.playing.robot import Disturbances, open_export
+    from ..viewers.window import has_display
 
     seconds, seed = options.seconds, options.seed
     strengths = Disturbances(options.delay, options.noise, options.push, options.friction)

@@ -238,10 +238,17 @@ def test_keys_and_sticks_steer_within_the_ranges(cart, tmp_path):
 @pytest.mark.usefixtures("opengl")
 def test_without_a_display_a_film_is_written(cart, workplace, monkeypatch, capsys):
     pytest.importorskip("imageio_ffmpeg", reason="needs the extra video")
-    monkeypatch.setattr("morlax_torch.viewers.playing.episodes.has_display", lambda: False)
+    monkeypatch.setattr("morlax_torch.viewers.window.has_display", lambda: False)
     play.command([str(cart.policy.parent), "--seconds", "0.2"])
     assert "written: film.mp4" in capsys.readouterr().out
     assert (workplace / "film.mp4").stat().st_size > 1000
+
+
+def test_a_display_that_does_not_work_is_named(cart, monkeypatch, refused):
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.setattr("glfw.init", lambda: False)
+    message = refused(play, cart.policy.parent, "--seconds", "1")
+    assert "there is no screen here: write a film with --output film.mp4." in message
 
 
 def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...envs import MorlaxError
 from ...envs.worlds.trees import forwarded
 from ..camera import GRAY, reach, shown_geoms
+from ..window import has_display
 
 SMALLEST, LARGEST = 64, 4096  # pixels; not every graphics driver supports more
 DIM = 0.8  # ambient plus diffuse; headlights dimmer than this do not light a scene
@@ -135,8 +136,7 @@ def choose_opengl() -> None:
     """
     backends = [os.environ.get("MUJOCO_GL", "")]
     if not backends[0] and sys.platform == "linux":
-        screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-        backends = ["glfw", "egl", "osmesa"] if screen else ["egl", "osmesa"]
+        backends = ["glfw", "egl", "osmesa"] if has_display() else ["egl", "osmesa"]
     for backend in backends:
         # in a separate process, because PyOpenGL keeps the first platform it loads
         environment = {**os.environ, "MUJOCO_GL": backend}

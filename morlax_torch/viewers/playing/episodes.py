@@ -2,7 +2,6 @@
 
 import os
 import struct
-import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from ...envs.errors import MorlaxError, installation
 from ...host.files import attempting, read
 from ...host.phases import phase
+from ..window import open_window
 from .following import robot_for
 from .robot import Array, Export, Robot
 
@@ -236,11 +236,6 @@ def summary(episodes: Sequence[Episode]) -> Episode:
     return Episode(*rows[:, :2].sum(0).tolist(), *means[2:].tolist())
 
 
-def has_display() -> bool:
-    names = ("DISPLAY", "WAYLAND_DISPLAY")
-    return sys.platform != "linux" or any(os.environ.get(name) for name in names)
-
-
 def show(
     deployment: Export, seconds: float | None = None, gamepad: Path | None = None, seed: int = 0
 ) -> int:
@@ -248,15 +243,11 @@ def show(
 
     It ends after `seconds`, if limited, or with the window. `gamepad` is a device that steers too.
     """
-    from mujoco import viewer  # loads a library of windows
-
     robot, policy, falls = robot_for(deployment, seed), Policy(deployment), 0
     steering = Steering(deployment, policy)
     pad = None if gamepad is None else Gamepad(gamepad)
-    with attempting("open a window", RuntimeError):  # on macOS, only mjpython may open one
-        window = viewer.launch_passive(
-            robot.model, robot.data, key_callback=steering.press, show_left_ui=False
-        )
+    remedy = "write a film with --output film.mp4"
+    window = open_window(robot.model, robot.data, remedy, key_callback=steering.press)
     window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
     window.cam.trackbodyid = robot.base
     began, steps = time.perf_counter(), 0
