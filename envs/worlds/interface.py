@@ -61,6 +61,7 @@ class Worlds(ABC):
     # what people read instead of an objective's name: what there is more of when it is better
     titles: ClassVar[dict[str, str]] = {"energy": "energy saved", "effort": "effort saved"}
     paper_reset_terms: ClassVar[dict[str, float]] = {}  # for `paper_reset_reward`
+    moved_by: Any = None  # weak reference to the learner that moved these worlds last
     _weights: Tensor  # (terms, m)
 
     def __init__(

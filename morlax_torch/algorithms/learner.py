@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from functools import partial
 from typing import Any, ClassVar
+from weakref import ref
 
 import numpy as np
 import torch
@@ -123,6 +124,7 @@ class Learner(ABC):
         self._draws = TradeoffDraws(config, m, device)
         self.rollout = Rollout.empty(config.horizon, config.num_clusters, env)
         env.reset()
+        env.moved_by = ref(self)
         self.observation = env.critic_observation().clone()  # (N, O + P)
         self._done = self.tradeoffs.new_zeros(())  # of `iterate`, readable by graphs
         self._episodes = Episodes(config.worlds, m, device)
@@ -176,9 +178,12 @@ class Learner(ABC):
 
     def iterate(self, done: float = 0.0) -> None:
         """Run one iteration, of a run of which the share `done` is over, from 0 to 1."""
-        if self.env.interrupted:
+        interrupted = self.env.interrupted
+        if interrupted:
             self.env.reset()
+        if interrupted or self.env.moved_by is not ref(self):
             self._start_here()
+        self.env.moved_by = ref(self)
         self._done.fill_(done)
         self.explore()
         self._learn_from_it()

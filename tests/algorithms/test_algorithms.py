@@ -347,6 +347,16 @@ def test_worlds_and_configs_that_do_not_fit_morlax_are_refused(worlds, changes, 
         MORLAX(env, tiny(**changes))
 
 
+def test_learners_that_take_turns_in_the_same_worlds_see_them_as_they_are():
+    config = tiny()
+    env = config.make_worlds(config.worlds, config.seed)
+    first, second = MORLAX(env, config), MORLAX(env, config)
+    for learner in (first, second, second, first):
+        observation = env.critic_observation()
+        learner.iterate()
+        assert_close(learner.rollout.observation[0].flatten(0, 1), observation)
+
+
 def test_an_algorithm_is_chosen_on_the_command_line_or_in_a_file(tmp_path):
     file = tmp_path / "amor.yaml"
     file.write_text("env: cheetah\nalgorithm: amor\n")
