@@ -1,5 +1,6 @@
 """The files of configs: read, merged with a task's tuned values, and written."""
 
+import math
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -129,8 +130,8 @@ class _UniqueKeys(yaml.SafeLoader):
 
 
 def write_yaml(config: BaseModel) -> str:
-    """Return a config as YAML, which `read_yaml` reads."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    """Return a config as YAML, which `read_yaml` reads, a line for each value."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, width=math.inf)
 
 
 def write_record(config: BaseModel, folder: Path) -> None:

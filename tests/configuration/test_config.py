@@ -11,8 +11,9 @@ from morlax_torch import MorlaxError, config_for, envs
 from morlax_torch.commands.terminal.arguments import read
 from morlax_torch.configuration import files as config_files
 from morlax_torch.configuration.config import load_config
-from morlax_torch.configuration.files import file_values, task_values
+from morlax_torch.configuration.files import file_values, task_values, write_record
 from morlax_torch.envs.registry import TASKS
+from morlax_torch.host.files import task_of
 
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])
@@ -203,3 +204,9 @@ def test_unreadable_files_are_refused_in_one_sentence(name, tmp_path):
     with pytest.raises(MorlaxError, match=expected) as error:
         read(["--config", str(tmp_path / "x.yaml"), "--device", "cpu"])
     assert "\n" not in str(error.value) and len(str(error.value)) < 2000
+
+
+def test_a_long_name_of_a_task_is_read_from_the_record_of_a_run(tmp_path):
+    name = f"{tmp_path}/{'a folder with spaces/' * 6}robot.py:Robot"
+    write_record(config_for("hopper").model_copy(update={"env": name}), tmp_path)
+    assert task_of(tmp_path) == name
