@@ -258,13 +258,14 @@ def front_of(run: str | Path, policy: Policy, device: str | None = None) -> Fron
 
 
 def pack(run: str | Path, output: Path, device: str | None = None) -> Front:
-    """Write the policies of a run's best checkpoint, their front, config and training curve.
+    """Write the policies of a run's best checkpoint, their front, config and any training curve.
 
     The folder, new or empty, gets the shape of a run, so every command accepts it, but training
     cannot continue from it. Returns the front, which `device` evaluates if the run has none.
     """
     source, policy = find_run(run), load(run)
-    read_rows(source / "metrics.csv")  # refuses a damaged file
+    if (curve := source / "metrics.csv").exists():
+        read_rows(curve)  # refuses a damaged file
     with making(output) as draft:
         (draft / "checkpoints").mkdir()
         front = front_of(run, policy, device)._replace(checkpoint="best.pt")

@@ -58,3 +58,11 @@ def test_a_packed_run_omits_the_training_state(run, packed):
         train(tiny(), run=Run.open(packed))
     with pytest.raises(MorlaxError, match="exists already"):
         pack(run, packed)
+
+
+def test_policies_without_a_training_curve_are_packed(run, tmp_path):
+    policy, file = morlax_torch.load(run), tmp_path / "saved" / "body.pt"
+    file.parent.mkdir()
+    morlax_torch.save(policy, file)
+    pack(file, tmp_path / "packed", "cpu")
+    assert morlax_torch.load(tmp_path / "packed").config == policy.config

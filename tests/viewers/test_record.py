@@ -174,7 +174,7 @@ MISTAKES = {
     "policy.pt --speed -1": "the speed must be above 0",
     "policy.pt --width 0": "from 64 to 4096 pixels",
     "policy.pt --output film.avi": "must end in .mp4 or .gif",
-    "policy.pt --training": "has kept no fronts of its training",
+    "policy.pt --training": "needs the fronts of two evaluations, but the run has kept 0",
     "policy.pt --training --sweep": "choose --sweep or --training",
 }
 

@@ -40,7 +40,8 @@ class Growth(Film):
     ):
         if len(kept) < 2:
             raise MorlaxError(
-                "the run has kept no fronts of its training: train it with this version."
+                "a film of training needs the fronts of two evaluations, but the run has kept "
+                f"{len(kept)}: train longer, or lower evaluation.every."
             )
         self._fronts = [Front.load(file) for file in kept]
         self._numbers = np.array([*kept.values()])  # (E, 3): steps, seconds, hypervolume
