@@ -16,7 +16,7 @@ UNSET = (None, (), [], "")  # values of options that a host leaves to us
 class ParetoOptions(BaseModel):
     """The options of `ParetoPPO`, beside those of PPO in the section `algorithm`."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     objectives: Objectives | None = None
     """Per objective, the factor of each of its reward terms, as the host pays them; names may be

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
@@ -445,6 +446,7 @@ def test_a_function_reads_the_terms_of_any_other_host():
         ({"optimizer": "rmsprop"}, "set optimizer to adam"),
         ({"tradeofs": 8}, "tradeofs"),
         ({"focus": (1.0, 0.0, 0.0)}, "focus needs 2 numbers \\(tracking, saving\\), not 3"),
+        ({"guide": {"alive": math.nan}}, "guide.alive: Input should be a finite number"),
         ({"reference_point": (-9.0,)}, "reference_point needs 2 numbers .*, not 1"),
         ({"task": "hopper"}, "in hopper, which has no action_scale: leave out the option task"),
     ],
