@@ -362,6 +362,12 @@ class Environment(Robot):
                 f"the saved worlds lack {', '.join(sorted(missing))}, which the options of this "
                 "task need: resume with the config of the saved run."
             )
+        for name in saved.keys() & state:
+            if state[name].shape != saved[name].shape:
+                shapes = f"{tuple(state[name].shape)} instead of {tuple(saved[name].shape)}"
+                raise MorlaxError(
+                    f"the saved worlds are another number or of another task: {name} is {shapes}."
+                )
         for name in saved.keys() & values:
             saved[name].copy_(values[name])
         if self._model:

@@ -264,6 +264,13 @@ def test_state_moves_between_simulators():
         env = target
 
 
+def test_the_state_of_another_number_of_worlds_is_refused():
+    one, two = envs.make("hopper", 1, "cpu"), envs.make("hopper", 2, "cpu")
+    for env, other in ((one, two), (two, one)):
+        with pytest.raises(MorlaxError, match="the saved worlds are another number"):
+            env.load_state_dict(other.state_dict())
+
+
 def test_tasks_move_mocap_bodies_and_name_other_parts_of_the_state(backend):
     env = everything(backend)
     env.physics.part("mocap_pos")[0, 0, 2] = 3.0
