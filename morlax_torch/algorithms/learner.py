@@ -183,7 +183,6 @@ class Learner(ABC):
             self.env.reset()
         if interrupted or self.env.moved_by is not ref(self):
             self._start_here()
-        self.env.moved_by = ref(self)
         self._done.fill_(done)
         self.explore()
         self._learn_from_it()
@@ -246,6 +245,7 @@ class Learner(ABC):
         """Explore from what the worlds show now, with no episode under way."""
         self.observation.copy_(self.env.critic_observation())
         self._episodes.running.zero_()
+        self.env.moved_by = ref(self)
 
     @property
     def _saves_worlds(self) -> bool:
@@ -282,6 +282,7 @@ class Learner(ABC):
         if self.env.resumable:
             self.observation.copy_(state["observation"].view_as(self.observation))
             self._episodes.running.copy_(state["episodes"])
+            self.env.moved_by = ref(self)
         else:
             self._start_here()
         self._restart_metrics()
