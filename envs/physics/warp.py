@@ -49,6 +49,13 @@ class WarpPhysics(Physics):
     ):
         self.model, self.num_worlds, self.device = model, num_worlds, device
         self.substeps, self.nconmax, self.njmax = substeps, nconmax, njmax
+        try:
+            wp.init()
+        except OSError as error:  # such as in a container without a home
+            raise MorlaxError(
+                f"Warp cannot keep compiled kernels in {error.filename} ({error.strerror}): set "
+                "WARP_CACHE_PATH to a folder that you may write to."
+            ) from None
         with wp.ScopedDevice(str(device)):
             with explained(self.name):
                 self._model = mjw.put_model(model)

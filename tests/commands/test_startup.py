@@ -158,6 +158,14 @@ def test_warp_compiles_in_other_processes_before_the_first_step(task, device, tm
     assert ahead > 20 and later == 0 and times == 1
 
 
+def test_a_cache_that_warp_cannot_make_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    words = "-m", "morlax_torch", "train", *TINY, "--backend", "warp"
+    done = python(tmp_path, *words, WARP_CACHE_PATH=str(tmp_path / "file" / "cache"))
+    assert done.returncode == 2
+    assert "set WARP_CACHE_PATH to a folder" in " ".join(done.stderr.split())
+
+
 class Module:
     """Stands in for one of Warp's that two processes compile; the second never ends."""
 
