@@ -90,8 +90,8 @@ def find_checkpoint(run: AnyPath) -> Path:
         if candidate.is_file():
             return candidate
     models = {file.stem.rpartition("_")[2]: file for file in folder.glob("model_*.pt")}  # rsl_rl's
-    if numbers := [int(number) for number in models if number.isdecimal()]:
-        return models[str(max(numbers))]
+    if numbers := [number for number in models if number.isdecimal()]:
+        return models[max(numbers, key=int)]
     raise MorlaxError(
         f"{folder} has no checkpoints: name the folder of a run, such as runs/ant/..., or a .pt."
     )

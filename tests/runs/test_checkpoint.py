@@ -13,6 +13,7 @@ from tiny import learner, tiny
 from morlax_torch import MorlaxError, load
 from morlax_torch.evaluation.front import Front
 from morlax_torch.runs import Run
+from morlax_torch.runs.loading import find_checkpoint
 from morlax_torch.runs.progress import History
 from morlax_torch.train import train
 
@@ -168,3 +169,9 @@ def test_a_part_that_claims_to_be_a_folder_is_damage(run):
     file.write_bytes(data)
     with pytest.raises(MorlaxError, match=r"best.pt is damaged"):
         load(file)
+
+
+def test_the_newest_checkpoint_of_rsl_rl_is_found_by_its_number(tmp_path):
+    for name in ("model_9.pt", "model_0010.pt", "model_best.pt"):
+        (tmp_path / name).touch()
+    assert find_checkpoint(tmp_path).name == "model_0010.pt"
