@@ -65,6 +65,9 @@ def command(arguments: Sequence[str]) -> None:
         if getattr(options, name) != Play.model_fields[name].default:
             flag, where = name.replace("_", "-"), "in" if options.tour else "without"
             raise MorlaxError(f"--{flag} has no effect {where} a tour (--tour): leave it out.")
+    for name in ("output", "gamepad"):
+        if options.episodes is not None and getattr(options, name) is not None:
+            raise MorlaxError(f"--{name} has no effect with --episodes: leave one of them out.")
     from ..viewers.playing.episodes import HELP, SLIDING, film, run, show
     from ..viewers.playing.robot import Disturbances, open_export
     from ..viewers.window import has_display

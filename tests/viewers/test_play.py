@@ -258,6 +258,8 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     assert "--delay must not be negative" in refused(play, folder, "--delay", "20", "0")
     assert "over the time of a motion" in refused(play, folder, "--tradeoff", "x.yaml")
     assert "needs 2 numbers" in refused(play, folder, "--tradeoff", "1", "--episodes", "1")
+    filmed = refused(play, folder, "--episodes", "1", "--output", "film.mp4")
+    assert "--output has no effect with --episodes" in filmed
     hopper = make_run(tmp_path / "hopper", "hopper", "best")
     assert "hopper does not have" in refused(export, hopper, "--slew", "1")
     changes = {
