@@ -60,7 +60,7 @@ def test_options_of_resets_are_refused_at_once():
     env = VecNormalize(worlds())
     env.set_options({})
     for options in ({"low": 0.1}, [{}, {"low": 0.1}, {}, {}]):
-        with pytest.raises(MorlaxError, match="reset takes no options, but got {'low'"):
+        with pytest.raises(MorlaxError, match="reset takes no options, but got"):
             env.set_options(options)
     assert env.reset().shape == (4, 17)
 
