@@ -23,7 +23,7 @@ PUBLIC = {"_exit", "_asdict", "_replace", "_fields", "_field_defaults"}
 
 TESTED = {  # names, by the file whose tests use them
     "adapters/test_pareto_ppo.py": ("_reward_termination",),
-    "adapters/test_sb3.py": ("_get_indices", "_reset_options", "_reset_seeds"),
+    "adapters/test_sb3.py": ("_get_indices", "_reset_seeds"),
     "algorithms/test_hyper_sac.py": ("_foreach_lerp_",),
     "envs/test_mjlab.py": (  # which compares the step that uses these names with mjlab's
         *("_reset_mask", "_reset_mask_wp", "_wrapped_cache", "_torch_stream", "_setup_stream"),
