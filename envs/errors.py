@@ -28,6 +28,10 @@ class MorlaxError(Exception):
     """
 
 
+class NotInstalled(MorlaxError):
+    """A library that something needs is missing or too old."""
+
+
 class MorlaxWarning(UserWarning):
     """What a user should know, in one sentence, which commands print."""
 
@@ -49,7 +53,7 @@ def require(name: str, package: str, least: str, extra: str, note: str = "") -> 
     except metadata.PackageNotFoundError:
         version = "none"
     if [*map(int, re.findall(r"\d+", version)[:2])] < [*map(int, least.split("."))]:
-        raise MorlaxError(
+        raise NotInstalled(
             f"{name} {least} or later is needed, but {version} is installed: {installation(extra)}"
             f"{note}."
         )

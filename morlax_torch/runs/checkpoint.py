@@ -17,7 +17,7 @@ from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import MorlaxError, Worlds
-from ..envs.errors import LONGEST, line, shortened, validated
+from ..envs.errors import LONGEST, NotInstalled, line, shortened, validated
 from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import STORED, check_objectives
 from ..host.files import AnyPath, read, write_file
@@ -160,6 +160,8 @@ def read_config(contents: Contents, path: Path) -> Config:
         raise MorlaxError(f"{missing}, and {error}" if missing else str(error)) from None
     try:
         return load_config(values, STORED)
+    except NotInstalled:
+        raise
     except MorlaxError as error:
         raise MorlaxError(f"the config in {path} does not fit: {error}") from None
 

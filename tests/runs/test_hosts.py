@@ -8,7 +8,7 @@ import pytest
 from programs import python
 from tiny import TYPED
 
-from morlax_torch import MorlaxError
+from morlax_torch import MorlaxError, load
 
 HOSTS = {  # adapter: (its extra, an unsupported version, the oldest supported version)
     "stable_baselines3": ("sb3", "2.6.0", "2.7"),
@@ -42,6 +42,12 @@ def test_errors_name_the_extra_to_install_and_the_required_version(name, monkeyp
     monkeypatch.setattr(metadata, "version", lambda package: old)
     with pytest.raises(MorlaxError, match=rf"{least} or later is needed, but {old} is installed"):
         import_adapter(name, monkeypatch)
+
+
+def test_without_mjlab_the_shipped_robots_of_mjlab_name_what_to_install(monkeypatch):
+    monkeypatch.setattr(metadata, "version", lambda package: "0.1")
+    with pytest.raises(MorlaxError, match=r"^mjlab 1.6 or later is needed, but 0.1 is installed"):
+        load("go1")
 
 
 @pytest.mark.slow
