@@ -39,7 +39,6 @@ class Worlds(ABC):
 
     Options: ClassVar[type[ObjectiveOptions]]
     resumable: ClassVar[bool] = False  # `state_dict` holds everything that the future depends on
-    saves_levels: ClassVar[bool] = False  # else, `state_dict` holds levels of difficulty
     recordable: bool = False  # on CUDA, `step` can be recorded in a CUDA graph
     needs_gpu: ClassVar[bool] = False  # many worlds on a CPU take hours
     shows_endings: ClassVar[bool] = True  # `final_observation` is what an episode ended with
@@ -189,11 +188,11 @@ class Worlds(ABC):
         return ""
 
     def state_dict(self) -> dict[str, Any]:
-        """Copy the state that the worlds' future depends on, if `resumable`."""
+        """Copy the state that the worlds' future depends on: all of it, if `resumable`."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state of the same number of worlds, in place, if `resumable`."""
+        """Restore a state of the same number of worlds, in place."""
         assert not state, "these worlds have no state to restore"
 
     def reseed(self, seed: int) -> None:

@@ -247,22 +247,18 @@ class Learner(ABC):
         self._episodes.running.zero_()
         self.env.moved_by = ref(self)
 
-    @property
-    def _saves_worlds(self) -> bool:
-        return self.env.resumable or self.env.saves_levels
-
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that future iterations depend on; "agent" holds the agent's state.
 
-        Worlds that are not resumable are left out, but for the levels of difficulty of some, and go
-        on as they are after `load_state_dict`.
+        Worlds that are not resumable go on as they are after `load_state_dict`, but for what their
+        own state holds, such as levels of difficulty.
         """
         tensors = self._state | self._process_state
         return {
             **{name: [x.detach().clone() for x in values] for name, values in tensors.items()},
             "agent": {name: value.clone() for name, value in self.agent.state_dict().items()},
             "generator": self.generator.get_state(),
-            "environment": self.env.state_dict() if self._saves_worlds else {},
+            "environment": self.env.state_dict(),
             "observation": self.observation.clone(),
             "episodes": self._episodes.running.clone(),
             "iteration": self.iteration,
@@ -277,8 +273,8 @@ class Learner(ABC):
                 mine.copy_(stored.view_as(mine))  # never broadcast
         self.agent.load_state_dict(state["agent"])
         restore_generator(self.generator, state["generator"])
-        if self._saves_worlds:
-            self.env.load_state_dict(state["environment"])
+        if worlds := state["environment"]:  # else, these save nothing
+            self.env.load_state_dict(worlds)
         if self.env.resumable:
             self.observation.copy_(state["observation"].view_as(self.observation))
             self._episodes.running.copy_(state["episodes"])

@@ -71,7 +71,6 @@ class MjlabWorlds(ForeignWorlds):
     options: MjlabOptions
     simulator = "mjlab"
     needs_gpu = True
-    saves_levels = True
     restarts = True  # in the step that ends an episode, whether or not a caller restarts them
 
     def _open(self, seed: int) -> None:
@@ -161,12 +160,11 @@ class MjlabWorlds(ForeignWorlds):
         return {"levels": [values.clone() for values in self._levels()]}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restart all worlds at stored levels; runs of earlier versions have none."""
-        if not (stored := state.get("levels")):
-            return
-        self._set_levels(stored)
-        self.reset()  # on the ground of these levels, which may change them
-        self._set_levels(stored)
+        """Restart all worlds at stored levels, if they have any."""
+        if stored := state["levels"]:
+            self._set_levels(stored)
+            self.reset()  # on the ground of these levels, which may change them
+            self._set_levels(stored)
 
     def _set_levels(self, stored: list[Tensor]) -> None:
         for values, kept in zip(self._levels(), stored, strict=True):
