@@ -696,6 +696,7 @@ def test_on_a_tour_others_move_the_arms_and_punch(generator):
     robot, applied = env.env.scene["robot"], env.env.sim.data.xfrc_applied[:]
     owned = env.env.action_manager.get_term("joint_pos").target_names
     assert env.action_size == 15 and not any("shoulder" in name for name in owned)
+    assert harness.level.min() == 1
     env.reset()
     skipped, forces, ranges = harness._skipped.clone(), [], robot.data.joint_pos_limits
     ahead = (harness._after - harness._before).abs().mean(1)  # rad
@@ -745,17 +746,16 @@ def test_punches_of_a_tour_grow_with_the_episodes_that_last():
     upside_down = torch.tensor([0.0, 1.0, 0.0, 0.0])
     wish = torch.tensor([[0.0], [0.0], [0.0], [0.0], [1.0]])  # the last one stands, too
     env.reset()
-    for step in range(64):  # five episodes, in which world 0 falls again and again
+    for step in range(40):  # three episodes, in which world 0 falls again and again
         if step % 4 == 3:
-            env.env.sim.data.qpos[:][: 4 if step > 60 else 1, 3:7] = upside_down
+            env.env.sim.data.qpos[:][: 4 if step > 36 else 1, 3:7] = upside_down
         if step % 12 == 6:
             punches.append(harness._force.norm(dim=1)[1:4])
         env.env.command_manager.get_command("twist").copy_(wish.expand(-1, 3))
         env.step(torch.zeros(5, 15))
-    assert (harness.level - torch.tensor([0, 0.45, 0.45, 0.45, 0])).abs().max() < 1e-6
+    assert (harness.level - torch.tensor([0, 0.25, 0.25, 0.25, 0])).abs().max() < 1e-6
     assert punches[0].max() == 0 and (punches[1] > 0).all() and punches[1].max() <= 50
-    assert punches[4].min() > 33  # N
-    assert envs.make(TOUR, 4, "cpu").env.action_manager.get_term("harness").level.min() == 1
+    assert punches[2].min() > 16  # N
 
 
 def test_the_vibration_of_a_tour_is_that_of_its_score(generator):
@@ -774,16 +774,17 @@ def test_the_vibration_of_a_tour_is_that_of_its_score(generator):
 
 @pytest.mark.parametrize(("name", "level"), [(TOUR, 0.6), (ROUGH, 3)])
 def test_a_resumed_run_goes_on_at_its_levels_of_difficulty(name, level):
-    first, resumed = (learner(tiny(name, backend=None, **FEW)) for _ in range(2))
-    (levels,) = first.env._levels()
+    resumed = learner(tiny(name, backend=None, **FEW))
+    (levels,), env = resumed.env._levels(), resumed.env.env
     levels.fill_(level)
-    resumed.load_state_dict(first.state_dict())
-    env = resumed.env.env
-    assert torch.equal(resumed.env._levels()[0], levels)
+    state = resumed.state_dict()
+    levels.zero_()
+    resumed.load_state_dict(state)
+    assert (levels == level).all()
     assert torch.equal(resumed.observation, resumed.env.critic_observation())
     places = env.sim.data.qpos[:, :2] - env.scene.env_origins[:, :2]
     assert places.abs().max() <= 0.5  # m
     if name == ROUGH:
         ground = env.scene.terrain
         assert torch.equal(env.scene.env_origins, ground.terrain_origins[3, ground.terrain_types])
-    resumed.load_state_dict({**first.state_dict(), "environment": {}})  # of an earlier version
+    resumed.load_state_dict({**state, "environment": {}})  # of an earlier version
