@@ -98,7 +98,7 @@ def test_the_cleanrl_style_ppo_example_learns(capsys):
 
 @pytest.mark.filterwarnings("ignore:.*inherits from WeightUpdaterBase")  # when TorchRL is imported
 @pytest.mark.slow
-@pytest.mark.parametrize("library", ["torchrl", "skrl"])
+@pytest.mark.parametrize("library", ["torchrl", pytest.param("skrl", marks=pytest.mark.long)])
 def test_another_library_trains_a_family_of_policies(library):
     pytest.importorskip(library, reason=f"{library} is not installed")
     example = imported(f"{library}_family")
