@@ -165,7 +165,7 @@ def partners(positions: Array, names: Sequence[str], barred: Array | float = 0.0
 
 
 def reflections(model: mujoco.MjModel) -> Motion:
-    """Return the reflections of a model whose joints have partners, whatever else differs."""
+    """Return the reflections of a model's state and control; it compares only joints."""
     data = posed(model)
     if (model.jnt_type == mjtJoint.mjJNT_BALL).any():
         raise _cannot("it has ball joints, whose mirror image is not known")

@@ -49,7 +49,7 @@ class Walking(Measures):
     def __init__(self, env: Any, command: Any):
         super().__init__(env, command)
         sensors = env.scene.sensors.values()
-        self._feet = next(filter(lambda sensor: _touches(sensor.cfg), sensors), None)
+        self._feet = next((sensor for sensor in sensors if _touches(sensor.cfg)), None)
         dofs = self._robot.indexing.joint_v_adr.tolist()
         try:
             images = reflections(self._model).velocities.order[dofs].tolist()
@@ -61,10 +61,9 @@ class Walking(Measures):
         """Return numbers of this step, (N, COLUMNS + joints), to take means of."""
         data, twist = self._robot.data, self._command.command
         wish, velocity, torque = twist[:, :2], data.root_link_lin_vel_b[:, :2], data.qfrc_actuator
+        error, turning = errors(twist, data)
         power = (torque * data.joint_vel).clamp(min=0).sum(1)
-        error, speed = (wish - velocity).norm(dim=1), velocity.norm(dim=1)
-        turning = (twist[:, 2] - data.root_link_ang_vel_b[:, 2]).abs()
-        asked = wish.norm(dim=1)
+        speed, asked = velocity.norm(dim=1), wish.norm(dim=1)
         fast = (asked > SLOWEST) / asked.clamp(min=SLOWEST)
         along, effort = (velocity * wish).sum(1) * fast, torque.square().mean(1)
         jolts = data.data.qacc[:, self._base].square().sum(1)
@@ -99,6 +98,15 @@ class Walking(Measures):
             return np.full(len(torques), np.nan)
         others = torques[:, self._partners]
         return abs(torques - others).sum(1) / (torques + others).sum(1).clip(1e-9)
+
+
+def errors(command: Tensor, data: Any) -> tuple[Tensor, Tensor]:
+    """Return the errors (N,) of velocity, m/s, and turning, rad/s, of robots with this `data`.
+
+    `command` (N, 3) is the velocity ahead and to the left, m/s, and the rate of turning, rad/s.
+    """
+    velocity, turning = data.root_link_lin_vel_b[:, :2], data.root_link_ang_vel_b[:, 2]
+    return (command[:, :2] - velocity).norm(dim=1), (command[:, 2] - turning).abs()
 
 
 def _touches(cfg: Any) -> bool:

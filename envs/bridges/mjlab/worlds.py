@@ -161,14 +161,14 @@ class MjlabWorlds(ForeignWorlds):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restart all worlds at stored levels, if they have any."""
-        if stored := state["levels"]:
-            self._set_levels(stored)
+        if levels := state["levels"]:
+            self._set_levels(levels)
             self.reset()  # on the ground of these levels, which may change them
-            self._set_levels(stored)
+            self._set_levels(levels)
 
-    def _set_levels(self, stored: list[Tensor]) -> None:
-        for values, kept in zip(self._levels(), stored, strict=True):
-            values.copy_(kept)
+    def _set_levels(self, levels: list[Tensor]) -> None:
+        for level, value in zip(self._levels(), levels, strict=True):
+            level.copy_(value)
 
     def _levels(self) -> list[Tensor]:
         """Return the levels of difficulty of the worlds, (N,) each."""
