@@ -2,11 +2,11 @@
 
 import math
 
-import torch
 from torch import Tensor
 
-from ..worlds.options import Objectives, TaskOptions
+from ..worlds.options import Objectives
 from .planar import Planar
+from .runner import RunEnergy
 
 MAX_SPEED = 4.0  # m/s; higher speeds earn no more reward
 MAX_PITCH = math.radians(50)
@@ -16,20 +16,12 @@ class Cheetah(Planar):
     model_file = "assets/cheetah.xml"
     paper_reset_terms = {"alive": 1.0, "run": 1.0, "energy": 4.0, "height": 0.2}
 
-    class Options(TaskOptions):
-        objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
-        shared: dict[str, float] = {"alive": 1.0}
-        nconmax: int = 16
+    class Options(RunEnergy):
         njmax: int = 72
 
     def terms(self) -> dict[str, Tensor]:
-        z = self.physics.qpos[:, 1]
-        return {
-            "alive": torch.ones_like(z),
-            "run": self.speed().clamp(max=MAX_SPEED),
-            "energy": 4.0 - self.effort(),
-            "height": z + 0.2,
-        }
+        terms, z = super().terms(), self.physics.qpos[:, 1]
+        return {**terms, "run": terms["run"].clamp(max=MAX_SPEED), "height": z + 0.2}
 
     def failed(self) -> Tensor:
         return ~(self.physics.qpos[:, 2].abs() < MAX_PITCH)

@@ -15,11 +15,10 @@ from torch import Tensor
 
 from ..worlds.options import Objectives, TaskOptions
 from . import mo_gymnasium
+from .cheetah import MAX_PITCH, MAX_SPEED
 from .gymnasium_robot import GymnasiumHumanoid, GymnasiumRobot, HumanoidOptions
-from .runner import RunEnergy
+from .runner import RunEnergy, Runner
 
-MAX_SPEED = 4.0  # m/s, of the cheetah; higher speeds earn no more reward
-MAX_PITCH = math.radians(50)  # of the cheetah
 # Control range and gear of the hopper: thigh, leg, foot.
 MOTORS = ((2.0, 200.0), (2.0, 200.0), (4.0, 300.0))
 
@@ -30,12 +29,8 @@ class HalfCheetah(mo_gymnasium.HalfCheetah):
     Options: Any = RunEnergy
 
     def terms(self) -> dict[str, Tensor]:
-        speed = self.speed()
-        return {
-            "alive": torch.ones_like(speed),
-            "run": speed.clamp(max=MAX_SPEED),
-            "energy": 4.0 - self.effort(),
-        }
+        terms = Runner.terms(self)
+        return {**terms, "run": terms["run"].clamp(max=MAX_SPEED)}
 
     def failed(self) -> Tensor:
         return ~(self.physics.qpos[:, 2].abs() < MAX_PITCH)
@@ -90,8 +85,8 @@ class Walker2d(mo_gymnasium.Walker2d):
     """MO-Walker2d-v2: run fast, use little energy."""
 
     model_file = "walker2d.xml"
-
     Options: Any = RunEnergy
+    terms = Runner.terms
 
     @classmethod
     def edit(cls, spec: mujoco.MjSpec) -> None:
@@ -99,10 +94,6 @@ class Walker2d(mo_gymnasium.Walker2d):
             joint.damping[0] = 3.0
         for geom in spec.geoms:
             geom.density = 1500.0  # kg/m^3
-
-    def terms(self) -> dict[str, Tensor]:
-        speed = self.speed()
-        return {"alive": torch.ones_like(speed), "run": speed, "energy": 4.0 - self.effort()}
 
 
 class Swimmer(mo_gymnasium.Swimmer):

@@ -72,10 +72,6 @@ class Walker(Planar):
     def apply(self, action: Tensor) -> None:
         self.physics.ctrl.copy_((ACTION_SCALE * action).clamp(-1, 1))
 
-    def terms(self) -> dict[str, Tensor]:
-        speed = self.speed()
-        return {"alive": torch.ones_like(speed), "run": speed, "energy": 4.0 - self.effort()}
-
     def failed(self) -> Tensor:
         height, pitch = self.physics.qpos[:, 1], self.physics.qpos[:, 2]
         return ~((height > 0.8) & (height < 2.0) & (pitch.abs() < 1.0))

@@ -14,6 +14,8 @@ UNITS = {"inertias": "kg m^2, kg m, kg", "velocities": "rad/s, m/s"}  # others a
 
 
 class RunEnergy(TaskOptions):
+    """Options of a task with the terms of `Runner`."""
+
     objectives: Objectives = {"run": {"run": 1.0}, "energy": {"energy": 1.0}}
     shared: dict[str, float] = {"alive": 1.0}
     nconmax: int = 16
@@ -41,6 +43,10 @@ class Runner(Environment):
         for name, values in self.seen_of_bodies().items():
             parts.append(Part(name, values.shape[1], UNITS.get(name, "N m, N")))
         return parts
+
+    def terms(self) -> dict[str, Tensor]:
+        speed = self.speed()
+        return {"alive": torch.ones_like(speed), "run": speed, "energy": 4.0 - self.effort()}
 
     def seen_of_bodies(self) -> dict[str, Tensor]:
         """Return observed quantities of the bodies by name, (N, ...) each."""
