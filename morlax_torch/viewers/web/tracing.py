@@ -204,27 +204,21 @@ class PagePhysics(MujocoPhysics):
 
     def __init__(self, model: mujoco.MjModel, substeps: int):
         super().__init__(model, 1, substeps)
-        self._exact = {name: x.numpy() for name, x in self.arrays.items() if name != "sensors"}
-        rounded = {name: x.to(torch.float32) for name, x in self.arrays.items()}
-        for name in rounded.keys() & PARTS:
-            self.parts[name] = rounded.pop(name), self.parts[name][1].to(torch.float32)
-        # around `__setattr__`, which refuses other tensors than the simulator's own
-        vars(self).update(rounded)
-
-    @property
-    def arrays(self) -> dict[str, Tensor]:
-        """All tensors (1, ...), by name."""
+        own = {name: getattr(self, name) for name in ARRAYS if name not in PARTS}
         parts = {name: self.part(name) for name in PARTS if name in self.parts}
-        return {name: getattr(self, name) for name in ARRAYS if name not in PARTS} | parts
+        self._exact = {name: x.numpy() for name, x in (own | parts).items() if name != "sensors"}
+        self.arrays = {name: x.to(torch.float32) for name, x in (own | parts).items()}  # (1, ...)
+        for name in parts:
+            self.parts[name] = self.arrays[name], self.parts[name][1].to(torch.float32)
+        # around `__setattr__`, which refuses other tensors than the simulator's own
+        vars(self).update({name: self.arrays[name] for name in own})
 
     def step(self) -> None:
-        # by NumPy, because a recorder must not see it
-        rounded = {name: values.numpy() for name, values in self.arrays.items()}
-        for name, exact in self._exact.items():
-            exact[:] = rounded[name]
+        for name, exact in self._exact.items():  # by NumPy, because a recorder must not see it
+            exact[:] = self.arrays[name].numpy()
         super().step()
         for name, exact in self._exact.items():
-            rounded[name][:] = exact
+            self.arrays[name].numpy()[:] = exact
 
 
 class OnnxGraph(NamedTuple):
