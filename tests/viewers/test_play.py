@@ -12,7 +12,7 @@ import yaml
 from programs import played
 
 from morlax_torch.commands import export, play
-from morlax_torch.envs.bridges.mjlab.robot import motor
+from morlax_torch.envs.bridges.mjlab.robot import gains
 from morlax_torch.envs.worlds.mujoco_robot import Deployment
 from morlax_torch.exports.deployment import deploy
 from morlax_torch.viewers.playing.episodes import (
@@ -65,7 +65,8 @@ def onnx_file(size: int, actions: int, family: bool = False) -> bytes:
 
 def settings() -> dict:
     model = mujoco.MjModel.from_xml_string(XML)
-    motors = [motor(model, joint) for joint in ("left", "right")]
+    pairs = (gains(model, joint) for joint in ("left", "right"))
+    stiffness, damping = map(list, zip(*pairs, strict=True))
     terms = {
         name: {"params": {}, "clip": None, "scale": [1.0] * size, "history_length": 1}
         for name, size in TERMS.items()
@@ -77,8 +78,8 @@ def settings() -> dict:
     action = {"clip": None, "joint_names": ["left", "right"], "scale": [0.5, 0.5]}
     return {
         "step_dt": 0.02,
-        "stiffness": [row["stiffness"] for row in motors],
-        "damping": [row["damping"] for row in motors],
+        "stiffness": stiffness,
+        "damping": damping,
         "default_joint_pos": [0.1, -0.1],
         "commands": {"base_velocity": {"ranges": ranges}},
         "actions": {"JointPositionAction": action | {"offset": [0.1, -0.1], "joint_ids": None}},

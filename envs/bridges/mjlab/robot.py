@@ -68,8 +68,7 @@ class MjlabRobot(MjlabWorlds, Robot):
         data, model = self.env.sim.data, self.env.sim.mj_model
         model.stat.extent = self.env.cfg.viewer.distance / 2  # cameras stand two extents away
         state = {name: getattr(data, name)[:] for name in ("qpos", "qvel", "ctrl", "act")}
-        moved = MOCAP if model.nmocap else ()
-        parts = {name: [getattr(data, name)[:]] for name in moved}
+        parts = {name: [getattr(data, name)[:]] for name in MOCAP} if model.nmocap else {}
         self.physics = SimpleNamespace(model=model, parts=parts, **state)
         self.motion: Any = None  # mjlab's term of the command, if a motion is followed
         self.command_limits, self._velocity = {}, ""  # name of the command of a velocity
@@ -145,7 +144,7 @@ class MjlabRobot(MjlabWorlds, Robot):
         robot = env.scene[name]
         ids = torch.cat([term.target_ids for term in terms]).tolist()
         joints = [f"{name}/{joint}" for joint in robot.joint_names]
-        motors = [motor(model, joint) for joint in joints]
+        stiffness, damping = zip(*(gains(model, joint) for joint in joints), strict=True)
         torques = torque_limits(model)[[model.joint(joint).dofadr[0] for joint in joints]]
         commands: dict[str, Any] = {}
         if tuple(self.command_limits) == AXES:
@@ -162,8 +161,8 @@ class MjlabRobot(MjlabWorlds, Robot):
         settings = {
             "joint_ids_map": list(range(len(joints))),
             "step_dt": env.step_dt,
-            "stiffness": [row["stiffness"] for row in motors],
-            "damping": [row["damping"] for row in motors],
+            "stiffness": list(stiffness),
+            "damping": list(damping),
             "default_joint_pos": robot.data.default_joint_pos[0].tolist(),
             "commands": commands,
             "actions": {
@@ -228,8 +227,7 @@ class MjlabRobot(MjlabWorlds, Robot):
         if label == "last_action":  # mjlab sees actions that have been scaled
             scale *= self.options.action_scale
             clip = clip and [bound / self.options.action_scale for bound in clip]
-        named = "sensor_name", "command_name"
-        params = {name: value for name, value in cfg.params.items() if name in named}
+        params = {k: v for k, v in cfg.params.items() if k in ("sensor_name", "command_name")}
         joints = getattr(cfg.params.get("asset_cfg"), "joint_ids", slice(None))
         if not isinstance(joints, slice):
             params["asset_cfg"] = {"joint_ids": joints}
@@ -237,24 +235,22 @@ class MjlabRobot(MjlabWorlds, Robot):
             params["command_name"] = "base_velocity"
         if label.startswith("motion_"):
             params["command_name"] = "motion"
-        scales = scale.tolist()
-        return {"params": params, "clip": clip, "scale": scales, "history_length": history}
+        return {"params": params, "clip": clip, "scale": scale.tolist(), "history_length": history}
 
 
-def motor(model: mujoco.MjModel, joint: str) -> dict[str, float | None]:
-    """Return gains (N m/rad, N m s/rad) of a joint's position servo."""
+def gains(model: mujoco.MjModel, joint: str) -> tuple[float, float] | tuple[None, None]:
+    """Return stiffness (N m/rad) and damping (N m s/rad) of a joint's position servo, if any."""
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     driven = model.actuator_trnid[:, 0] == model.joint(joint).id
     indices = (of_joint & driven).nonzero()[0]
-    row: dict[str, float | None] = {"stiffness": None, "damping": None}
     if len(indices) != 1:
-        return row
+        return None, None
     servo = model.actuator(indices[0])
     kinds = servo.dyntype[0], servo.gaintype[0], servo.biastype[0]
     gain, (offset, stiffness, damping) = servo.gainprm[0], -servo.biasprm[:3]
     if kinds == SERVO and servo.gear[0] == 1 and offset == 0 and gain == stiffness > 0:
-        row |= {"stiffness": float(stiffness), "damping": float(damping)}
-    return row
+        return float(stiffness), float(damping)
+    return None, None
 
 
 def _clip(terms: list[Any]) -> list[list[float]] | None:

@@ -92,8 +92,7 @@ class MaskedStep:
                 holder[key] = value
 
     def _observe(self) -> dict[str, Tensor]:
-        manager = self.env.observation_manager
-        return {name: manager.compute_group(name) for name in self.groups}
+        return {name: self.env.observation_manager.compute_group(name) for name in self.groups}
 
     def _disturb(self) -> None:
         for term, left in self._intervals():
