@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -109,21 +110,24 @@ def moment_map(file: Path, *numbers: float) -> dict[str, Any]:
     }
 
 
-def array_bytes(arrays: dict[str, NDArray], **numbers: float) -> bytes:
-    """Return numbers and arrays (32-bit) for the page's `arraysOf`: a JSON header, then bytes."""
+def model_bytes(
+    model: mujoco.MjModel, poses: Mapping[str, NDArray] | None = None, **numbers: float
+) -> bytes:
+    """Return a model, poses and numbers for the page's `arraysOf`: a JSON header, then arrays."""
     header, parts, at = {}, [], 0
-    for name, values in arrays.items():
+    for name, values in {**_drawn(model), **(poses or {})}.items():
         kind = np.float32 if values.dtype.kind == "f" else np.int32
         data = np.ascontiguousarray(values, kind).tobytes()
         header[name] = [np.dtype(kind).name, at, values.size]
         parts.append(data)
         at += len(data)
+    numbers |= {"nbody": model.nbody, "ngeom": model.ngeom}
     text = json.dumps({**numbers, "arrays": header}).encode()
     text += b" " * (-len(text) % 4)  # arrays begin at a multiple of their size
     return b"".join([np.int32(len(text)).tobytes(), text, *parts])
 
 
-def drawn_arrays(model: mujoco.MjModel) -> dict[str, NDArray]:
+def _drawn(model: mujoco.MjModel) -> dict[str, NDArray]:
     """Return the arrays that the page draws a model from, without meshes that it does not show."""
     arrays = {name: getattr(model, name) for name in SHAPES}
     meshes = shown_geoms(model) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)

@@ -130,7 +130,7 @@ def test_the_recorded_start_is_the_robot_with_even_weights(make_policy):
 
 
 def read_arrays(data: bytes) -> dict[str, Any]:
-    """Read what `array_bytes` returned, as the page does."""
+    """Read what `model_bytes` returned, as the page does."""
     begin = 4 + int(np.frombuffer(data, np.int32, 1)[0])
     found = json.loads(data[4:begin])
     for name, (kind, at, size) in found.pop("arrays").items():

@@ -14,9 +14,10 @@ from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError, c
 
 from ...envs.errors import MorlaxError, words
 from .. import libraries
+from ..describing import model_bytes
 from .exhibits import Request, RunExhibit
 from .server import Server, ServerConnection
-from .session import MAX_LAG, frame_bytes, model_bytes
+from .session import MAX_LAG, MODEL, frame_bytes
 
 FRAME = 1 / 40  # s between frames
 TELL = 1 / 10  # s between messages about anything but poses
@@ -123,7 +124,7 @@ class Page:
             self._server.send(self._about)
         model = first.player.model
         if self._drawn is not model:
-            self._drawn, self._model = model, model_bytes(model)
+            self._drawn, self._model = model, MODEL + model_bytes(model)
             self._server.send(self._model)
         state = {
             "paused": self._paused,

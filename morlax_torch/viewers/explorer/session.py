@@ -16,14 +16,15 @@ from ...envs.worlds.trees import horizontal
 from ...evaluation.front import Front
 from ...networks.policy import Policy
 from ...runs.loading import load, load_front
-from ..describing import array_bytes, described_task, drawn_arrays
+from ..describing import described_task
 from ..player import PUSH, Player
 from .library import Choice
 
 Weights = tuple[float, ...]  # a trade-off: not negative, and sums to one
 Put = Callable[[Callable[[], None]], None]  # queues a call for the thread that moves the robots
 MAX_LAG = 0.1  # s of delay to catch up with; the rest of a longer delay is dropped
-MODEL, FRAME = 0, 1  # first byte of a message to the page that is not JSON
+# beginnings of messages to the page that are not JSON
+MODEL, FRAME = (np.int32(kind).tobytes() for kind in (0, 1))
 WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of the robot
 
 
@@ -177,15 +178,9 @@ def _finite(values: ArrayLike) -> Any:
     return np.where(np.isfinite(values), values, 0.0).tolist()
 
 
-def model_bytes(model: mujoco.MjModel) -> bytes:
-    """Return the arrays that the page draws a model from."""
-    arrays = array_bytes(drawn_arrays(model), nbody=model.nbody, ngeom=model.ngeom)
-    return np.int32(MODEL).tobytes() + arrays
-
-
 def frame_bytes(sessions: Sequence[Session]) -> bytes | None:
     """Return steps, poses, contacts and ghosts as 32-bit floats; None: they are not finite."""
-    parts = [np.array([FRAME], np.int32).tobytes()]
+    parts = [FRAME]
     for player in (session.player for session in sessions):
         data = player.data
         if not np.isfinite(data.xpos).all():

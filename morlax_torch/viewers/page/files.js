@@ -39,7 +39,7 @@ export async function unpacked(address) {
   return new Response(body.pipeThrough(count).pipeThrough(new DecompressionStream("gzip")));
 }
 
-/** Return the numbers and arrays of Python's `array_bytes`, by name, from a byte of the buffer on. */
+/** Return the numbers and arrays of Python's `model_bytes`, by name, from a byte of the buffer on. */
 export function arraysOf(buffer, begin = 0) {
   const [length] = new Int32Array(buffer, begin, 1);
   const first = begin + 4 + length;

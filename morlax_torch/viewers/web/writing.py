@@ -25,7 +25,7 @@ from ...host.phases import phase, within
 from ...networks.policy import Policy
 from ...runs.loading import bookmarks, front_of, load
 from .. import libraries
-from ..describing import array_bytes, described_task, drawn_arrays, front_map
+from ..describing import described_task, front_map, model_bytes
 from ..player import PUSH, Player
 from .tracing import ARRAYS, OnnxGraph, PagePhysics, Traced, cannot, trace
 
@@ -214,8 +214,7 @@ def start(policy: Policy) -> bytes:
             turns.append(player.data.xquat.copy())
         player.step()
     poses = {"places": np.array(places), "turns": np.array(turns)}  # (T, nbody, 3 or 4)
-    sizes = {"nbody": model.nbody, "ngeom": model.ngeom, "followed": player.env.base}
-    return array_bytes({**drawn_arrays(model), **poses}, **sizes, dt=stride * dt)
+    return model_bytes(model, poses, followed=player.env.base, dt=stride * dt)
 
 
 def described(env: Environment, traced: Traced, model: WebModel) -> dict[str, Any]:
