@@ -1,6 +1,7 @@
 """Clipping and Adam as two Triton kernels, for CUDA.
 
-`gpu.optimizer.step` defines them. Import it only if there is CUDA.
+`gpu.optimizer.step` is their definition. This module needs Triton, so import it only where there is
+CUDA.
 """
 
 import math

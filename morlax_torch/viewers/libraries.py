@@ -6,6 +6,7 @@ import http.client
 import io
 import os
 import tarfile
+import urllib.error
 import urllib.request
 from pathlib import Path
 from typing import NamedTuple

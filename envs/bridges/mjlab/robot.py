@@ -227,7 +227,8 @@ class MjlabRobot(MjlabWorlds, Robot):
         if label == "last_action":  # mjlab sees actions that have been scaled
             scale *= self.options.action_scale
             clip = clip and [bound / self.options.action_scale for bound in clip]
-        params = {k: v for k, v in cfg.params.items() if k in ("sensor_name", "command_name")}
+        named = "sensor_name", "command_name"
+        params = {name: value for name, value in cfg.params.items() if name in named}
         joints = getattr(cfg.params.get("asset_cfg"), "joint_ids", slice(None))
         if not isinstance(joints, slice):
             params["asset_cfg"] = {"joint_ids": joints}

@@ -48,8 +48,8 @@ class Walking(Measures):
 
     def __init__(self, env: Any, command: Any):
         super().__init__(env, command)
-        feet = [x for x in env.scene.sensors.values() if getattr(x.cfg, "track_air_time", False)]
-        self._feet = next((x for x in feet if "force" in x.cfg.fields), None)
+        sensors = env.scene.sensors.values()
+        self._feet = next((sensor for sensor in sensors if _touches(sensor.cfg)), None)
         dofs = self._robot.indexing.joint_v_adr.tolist()
         try:
             images = reflections(self._model).velocities.order[dofs].tolist()
@@ -107,6 +107,11 @@ def errors(command: Tensor, data: Any) -> tuple[Tensor, Tensor]:
     """
     velocity, turning = data.root_link_lin_vel_b[:, :2], data.root_link_ang_vel_b[:, 2]
     return (command[:, :2] - velocity).norm(dim=1), (command[:, 2] - turning).abs()
+
+
+def _touches(cfg: Any) -> bool:
+    """Return whether a sensor's config is that of feet on the ground."""
+    return getattr(cfg, "track_air_time", False) and "force" in cfg.fields
 
 
 def torque_limits(model: mujoco.MjModel) -> np.ndarray:
