@@ -263,9 +263,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
             return self._pictures.show(*state)
         return self._pictures.draw(*state)
 
-    def close(self) -> None:
-        """Close the window and free the renderer."""
-        self.close_extras()
+    close = OneTask.close_extras
 
 
 class Stepping:

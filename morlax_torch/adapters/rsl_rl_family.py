@@ -142,9 +142,8 @@ class FamilyModel(MLPModel):
         prefix = "obs_normalizer."
         statistics = {k.removeprefix(prefix): x for k, x in state.items() if k.startswith(prefix)}
         self.obs_normalizer.load_state_dict(statistics)
-        parts = self.family.bias.split(self.family.sizes)
-        for part, (name, shape) in zip(parts, self.family.shapes.items(), strict=True):
-            part.copy_(state[plain_name(name, self.std_name)].expand(shape).flatten())
+        for name, values in self.family.split(self.family.bias).items():
+            values.copy_(state[plain_name(name, self.std_name)])
         self.family.weight.zero_()
 
     def as_jit(self) -> nn.Module:

@@ -1,8 +1,7 @@
 """A trained family of policies, as other programs use it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import wraps
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -16,17 +15,6 @@ from ..envs import MorlaxError, Robot
 from ..envs.errors import shortened
 from ..envs.worlds.design_space import DesignSpace
 from .agent import Agent, SpecializedPolicy
-
-
-def _without_autocast(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a method of a policy compute in float32, also in a user's `torch.autocast`."""
-
-    @wraps(method)
-    def in_float32(self: Any, *arguments: Any, **named: Any) -> Any:
-        with torch.autocast(self.device.type, enabled=False):
-            return method(self, *arguments, **named)
-
-    return in_float32
 
 
 class Policy(nn.Module):
@@ -57,21 +45,23 @@ class Policy(nn.Module):
         return super()._apply(fn, recurse)
 
     @torch.no_grad()
-    @_without_autocast
     def forward(
         self, observation: Tensor | ArrayLike, tradeoff: Tensor | Sequence[float]
     ) -> Tensor:
         observation = self._checked(observation)
         tradeoff = checked_tradeoff(tradeoff, self.objectives, observation.device)
-        if tradeoff.ndim == 1:
-            return self.agent.actors(tradeoff[None]).act(observation[None])[0]
         rows = observation.reshape(-1, self.agent.observation_size)
-        if len(tradeoff) != len(rows):
+        if tradeoff.ndim == 1:  # one policy for all rows
+            tradeoff, rows = tradeoff[None], rows[None]
+        elif len(tradeoff) == len(rows):
+            rows = rows[:, None]
+        else:
             raise MorlaxError(
                 f"the number of observations is {len(rows)}, but that of trade-offs "
                 f"{len(tradeoff)}: give one per observation, or one for all."
             )
-        actions = self.agent.actors(tradeoff).act(rows[:, None])
+        with torch.autocast(self.device.type, enabled=False):  # that a user may have enabled
+            actions = self.agent.actors(tradeoff).act(rows)
         return actions.reshape(*observation.shape[:-1], self.agent.action_size)
 
     def for_design(self, design: Mapping[str, float]) -> "Policy":
@@ -144,8 +134,8 @@ class Policy(nn.Module):
     def device(self) -> torch.device:
         return self.agent.observation_normalizer.mean.device
 
-    @_without_autocast
     def specialize(self, tradeoff: Tensor | Sequence[float]) -> SpecializedPolicy:
         """Return a plain module for one trade-off (m,), with normalizer and tanh inside."""
-        fixed = self.agent.specialize(one_tradeoff(tradeoff, self.objectives, self.device))
-        return fixed.requires_grad_(False)
+        tradeoff = one_tradeoff(tradeoff, self.objectives, self.device)
+        with torch.autocast(self.device.type, enabled=False):
+            return self.agent.specialize(tradeoff).requires_grad_(False)
