@@ -147,11 +147,10 @@ class ObjectiveRewards:
         guide: Weights | None = None,
     ):
         self._terms, weights = terms, terms.weights
-        paid = {name: weight for name, weight in weights.items() if weight}
         if objectives is None:
             guide = {"*": 1.0} if guide is None else guide
             objectives = {
-                name: {term: 1.0 for term, weight in paid.items() if weight * sign > 0}
+                name: {term: 1.0 for term, weight in weights.items() if weight * sign > 0}
                 for name, sign in SIGNS.items()
             }
             if isinstance(terms, CalledTerms):
@@ -161,20 +160,19 @@ class ObjectiveRewards:
                     "all reward terms have the same sign, so nothing is to trade off: name the "
                     "objectives."
                 )
-        groups = {name: self._expanded(group) for name, group in objectives.items()}
+        self.objectives = {name: self._expanded(group) for name, group in objectives.items()}
         if guide is None:
-            used = {term for group in groups.values() for term in group}
-            guide = dict.fromkeys((name for name in paid if name not in used), 1.0)
-        self.objectives: dict[str, dict[str, float]] = groups
-        self.guide: dict[str, float] = self._expanded(guide)
-        rows = [*groups.values(), self.guide]
-        used = {term for group in rows for term in group}
-        factors = {term: terms.watch(term) for term in sorted(used) if not weights[term]}
+            used = {term for group in self.objectives.values() for term in group}
+            guide = {name: 1.0 for name, weight in weights.items() if weight and name not in used}
+        self.guide = self._expanded(guide)
+        rows = [*self.objectives.values(), self.guide]
+        unpaid = [name for name in weights if not weights[name] and any(name in x for x in rows)]
+        factors = {name: terms.watch(name) for name in unpaid}
         self._matrix = torch.tensor(
             [[row.get(name, 0.0) * factors.get(name, 1.0) for row in rows] for name in weights],
             dtype=torch.float32,
         )  # (t, m + 1)
-        self._paid = torch.tensor([float(name in paid) for name in weights])
+        self._paid = torch.tensor([float(weight != 0) for weight in weights.values()])
         # terms that a function reads need not be the reward's
         self._unchecked = 0 if isinstance(terms, CalledTerms) else CHECKED
 

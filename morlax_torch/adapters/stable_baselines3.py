@@ -46,7 +46,6 @@ class StableBaselines3VecEnv(VecEnv):
         self.vector = GymnasiumVectorEnv(task, num_envs, device, backend, tradeoff, **options)
         self._statistics = EpisodeStatistics(self.vector)
         self._tradeoff = np.asarray(tradeoff, dtype=np.float32)
-        self._actions: NDArray | None = None
         super().__init__(
             num_envs, self.vector.single_observation_space, self.vector.single_action_space
         )

@@ -30,13 +30,13 @@ class Explore(Trusting):
 def command(arguments: Sequence[str]) -> None:
     options = parse(Explore, arguments)
     with cli.Live():
-        from ..runs.loading import moving_tradeoff_of, objectives_of, trust_run  # imports torch
+        from ..runs.loading import moving_tradeoff_of, trust_run  # imports torch
         from ..viewers.explorer import library
 
         run, text = options.run, options.tradeoff
         trust_run(run, options.trust, options.env)
         choice = library.choose(run)
-        tradeoff = None if text is None else moving_tradeoff_of(text, run, objectives_of(run))
+        tradeoff = None if text is None else moving_tradeoff_of(text, run)
         import torch
 
         from ..host.files import runs

@@ -42,11 +42,11 @@ def command(arguments: Sequence[str]) -> None:
         from ..exports.deployment import SETTINGS, deploy
         from ..exports.exporting import FORMATS, export, provenance  # imports torch
         from ..host.files import make_folder
-        from ..runs.loading import load, objectives_of, own_folder, tradeoff_of
+        from ..runs.loading import load, own_folder, tradeoff_of
 
         run, weights = options.run, None
         if options.tradeoff is not None:
-            weights = tradeoff_of(options.tradeoff, run, objectives_of(run))
+            weights = tradeoff_of(options.tradeoff, run)
         policy = load(run, trust=options.trust, env=options.env)
         ending = FORMATS[options.format].ending
         name = ("family" if weights is None else "policy") + ending

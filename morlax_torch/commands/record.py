@@ -56,8 +56,8 @@ def command(arguments: Sequence[str]) -> None:
         from ..viewers.filming.growth import Growth
         from ..viewers.filming.recording import Sweep, record
 
-        run, objectives = options.run, loading.objectives_of(options.run)
-        tradeoffs = [loading.moving_tradeoff_of(text, run, objectives) for text in options.tradeoff]
+        run = options.run
+        tradeoffs = [loading.moving_tradeoff_of(text, run) for text in options.tradeoff]
         policy = loading.load(run, trust=options.trust, env=options.env)
         folder = loading.own_folder(run)
         usual = folder / "film.mp4" if folder else Path(f"{loading.find_run(run).name}.mp4")

@@ -157,7 +157,7 @@ def is_changed(run: AnyPath, policy: Policy) -> bool:
     return bool(changed) or _has_other_model(policy, path)
 
 
-def objectives_of(run: AnyPath) -> tuple[str, ...]:
+def _objectives_of(run: AnyPath) -> tuple[str, ...]:
     """Return the objectives of a run from its checkpoint, without importing its task."""
     return checkpoint.load(find_checkpoint(run)).environment.objectives
 
@@ -324,23 +324,21 @@ def bookmarks(run: AnyPath) -> dict[str, list[float]]:
         ) from None
 
 
-def tradeoff_of(text: str, run: AnyPath, objectives: Sequence[str]) -> tuple[float, ...]:
+def tradeoff_of(text: str, run: AnyPath) -> tuple[float, ...]:
     """Parse a trade-off such as "0.8,0.2", or "@NAME" of a bookmark, or raise MorlaxError."""
     if text.startswith("@"):
         stored, name = bookmarks(run), text.removeprefix("@")
         if name not in stored:
             raise unknown(f"bookmark of {run}", name, stored)
         text = ",".join(map(repr, stored[name]))
-    return parse_tradeoff(text, objectives)
+    return parse_tradeoff(text, _objectives_of(run))
 
 
-def moving_tradeoff_of(
-    text: str, run: AnyPath, objectives: Sequence[str]
-) -> tuple[float, ...] | Schedule:
+def moving_tradeoff_of(text: str, run: AnyPath) -> tuple[float, ...] | Schedule:
     """Parse a trade-off, or load FILE.yaml of one over time, or raise MorlaxError."""
     if text.endswith(".yaml"):
-        return Schedule.load(text, objectives)
-    return tradeoff_of(text, run, objectives)
+        return Schedule.load(text, _objectives_of(run))
+    return tradeoff_of(text, run)
 
 
 def start_from(run: str, learner: Learner) -> None:

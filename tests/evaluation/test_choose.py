@@ -457,11 +457,10 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
     file = bookmark(run, "calm one", (0.25, 0.75))
     bookmark(run, "fast", (3.0, 1.0))
     assert file.read_text() == "calm one: [0.25, 0.75]\nfast: [3.0, 1.0]\n"
-    names = ("run", "jump")
-    assert tradeoff_of("@calm one", run, names) == (0.25, 0.75)
-    assert tradeoff_of("0.8,0.2", run, names) == (0.8, 0.2)
+    assert tradeoff_of("@calm one", run) == (0.25, 0.75)
+    assert tradeoff_of("0.8,0.2", run) == (0.8, 0.2)
     with pytest.raises(MorlaxError, match=r"unknown bookmark of .*'fsat': did you mean 'fast'"):
-        tradeoff_of("@fsat", run, names)
+        tradeoff_of("@fsat", run)
     with pytest.raises(MorlaxError, match="cannot name a bookmark"):
         bookmark(run, "../fast", (1.0, 0.0))
     with pytest.raises(MorlaxError, match="shipped policies keep no bookmarks"):
@@ -473,7 +472,7 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
     assert loading.bookmarks(run) == {"calm one": [0.25, 0.75], "fast": [3.0, 1.0]}
     file.write_text("fast: [a]")
     with pytest.raises(MorlaxError, match="is damaged"):
-        tradeoff_of("@fast", run, names)
+        tradeoff_of("@fast", run)
 
 
 def test_the_command_writes_a_bookmark_and_a_decision_card(
@@ -486,7 +485,7 @@ def test_the_command_writes_a_bookmark_and_a_decision_card(
     said, page = "\n".join(typed(*words, *written)), card.read_text()
     assert "--tradeoff '@my best'" in said and f"written: {card}" in said.replace("\n", "")
     weights = next(x for x in said.splitlines() if x.startswith("trade-off: ")).split()[1]
-    chosen = tradeoff_of("@my best", run, ("run", "jump"))
+    chosen = tradeoff_of("@my best", run)
     assert chosen == pytest.approx(parse_tradeoff(weights, ("run", "jump")))
     assert "As much run as possible, with at least -1e+06 of jump" in page
     for condition in ("as in evaluations", "pushes of 0.5 m/s", "friction times 0.5 to 1.5"):
