@@ -70,10 +70,9 @@ def map_figure(front: Front, width: float, height: float) -> tuple[Figure, Axes,
 
 
 def _pair(axes: Axes, front: Front, pair: tuple[int, int]) -> None:
-    best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
     x, y = front.returns[:, pair].T
     label_axes(axes, front.shown, pair)
-    style.points(axes, x, y, best, SIZE, colors, front.fails)
+    style.points(axes, front, x, y, SIZE, style.colors_of(front.tradeoffs))
     style.fit(axes, x, y)
 
 
@@ -198,9 +197,9 @@ def quantities_figure(front: Front, title: str = "") -> Figure:
     assert front.quantities is not None
     across, *others = front.quantities.T
     figure, plots = style.panels(len(others), 2, (4.0, 3.3), title, room=0.8)
-    best, colors = front.non_dominated, style.colors_of(front.tradeoffs)
+    colors = style.colors_of(front.tradeoffs)
     for axes, values, name in zip(plots, others, front.quantity_names[1:], strict=True):
-        style.points(axes, across, values, best, SIZE, colors, front.fails)
+        style.points(axes, front, across, values, SIZE, colors)
         style.lattice(axes, front.quantity_names[0], name)
         style.fit(axes, across, values)
     style.color_key(plots[0], front.shown)
@@ -226,7 +225,7 @@ def returns_figure(front: Front, title: str = "") -> Figure:
         if m == 2:
             order = x.argsort()
             axes.plot(x[order], y[order], color="0.6", lw=0.8)
-        style.points(axes, x, y, best, 10, [colors[k]] * len(x), front.fails)
+        style.points(axes, front, x, y, 10, np.full(len(x), colors[k]))
         tints = colors[across], colors[k]
         style.lattice(axes, style.weight(names[across]), style.returned(names[k]), tints)
         axes.set_ylim(style.limits(y[best]))

@@ -16,6 +16,7 @@ from matplotlib.ticker import AutoLocator, EngFormatter
 from numpy.typing import NDArray
 
 from ..host.files import replacing
+from .front import Front
 
 # of objectives, by Okabe and Ito: distinct to color-blind readers too
 PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
@@ -81,15 +82,14 @@ def short(value: float, position: float = 0) -> str:
     return EngFormatter(sep="")(value)
 
 
-def points(
-    axes: Axes, x: NDArray, y: NDArray, best: NDArray, size: float, colors: Any, fails: NDArray
-) -> None:
-    """Draw points that are `best` in their colors, others as dominated, and crosses for falls."""
+def points(axes: Axes, front: Front, x: NDArray, y: NDArray, size: float, colors: NDArray) -> None:
+    """Draw a front's best policies in `colors` (K, ...), others in gray, and crosses for falls."""
+    best, fails = front.non_dominated, front.fails
     for some, look in ((~best & ~fails, DOMINATED), (fails, FALLS)):
         if some.any():
             axes.scatter(x[some], y[some], **look)
     some = best & ~fails
-    axes.scatter(x[some], y[some], s=size, color=np.asarray(colors)[some], label=NON_DOMINATED)
+    axes.scatter(x[some], y[some], s=size, color=colors[some], label=NON_DOMINATED)
 
 
 def note(axes: Axes, text: str, point: Any, above: bool = True, **style: Any) -> None:
