@@ -1,8 +1,8 @@
 """The options of tasks: objectives, episodes, simulation and domain randomization."""
 
 import re
-from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar, Self, get_args
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -22,6 +22,7 @@ LARGEST = 1e9  # of any number, in size: squares of it are still finite in float
 
 Objectives = dict[str, dict[str, float]]  # weights of reward terms, by objective
 Point = tuple[float, ...] | None  # of reference, one number per objective
+Names = TypeVar("Names", bound=Collection[str])
 Count = Annotated[int, Field(gt=0, le=1_000_000)]
 PLAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_ -]{0,39}")
 Factor = Annotated[float, Field(gt=0, le=1e6)]
@@ -77,9 +78,8 @@ def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
     return limits
 
 
-def check_objectives(names: Iterable[str]) -> None:
-    """Raise ValueError unless these are at least two plain names of objectives."""
-    names = list(names)
+def check_objectives(names: Names) -> Names:
+    """Raise ValueError unless these are at least two plain names of objectives; return them."""
     if len(names) < 2:
         raise ValueError("a trade-off needs at least two objectives")
     for name in names:
@@ -88,6 +88,7 @@ def check_objectives(names: Iterable[str]) -> None:
                 f"the name of an objective cannot be {shortened(name)}: use at most 40 letters "
                 "(A-Z, a-z), digits, spaces, _ and -, and start with a letter or digit"
             )
+    return names
 
 
 Range = Annotated[tuple[Factor, Factor], AfterValidator(_ordered)]
@@ -122,8 +123,7 @@ class ObjectiveOptions(Section):
     @field_validator("objectives")
     @classmethod
     def _plain_names(cls, objectives: Objectives) -> Objectives:
-        check_objectives(objectives)
-        return objectives
+        return check_objectives(objectives)
 
     @property
     def varies(self) -> bool:

@@ -116,9 +116,8 @@ class ParetoPPO(PPO):
             *(m, K, "rl", learning, cfg["num_steps_per_env"], obs[:learning]),
             *([env.num_actions], device),
         )
-        multi_gpu = cfg["multi_gpu"]
         super().__init__(
-            actor, critic, storage, device=device, multi_gpu_cfg=multi_gpu, **algorithm
+            actor, critic, storage, device=device, multi_gpu_cfg=cfg["multi_gpu"], **algorithm
         )
         self.front, self.objectives = front, names
         self._env, self._options, self._cfg = env, options, cfg
@@ -279,9 +278,8 @@ class ParetoPPO(PPO):
 
     def save(self) -> dict[str, Any]:
         """Return the checkpoint: the family, its optimizer, and a plain actor."""
-        shown = self.actor.shown[0]
         saved = {
-            "actor_state_dict": self.actor.plain(shown).state_dict(),
+            "actor_state_dict": self.actor.plain(self.actor.shown[0]).state_dict(),
             FAMILY: {
                 **self._kind(),
                 "actor": self.actor.state_dict(),

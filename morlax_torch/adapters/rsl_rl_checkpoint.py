@@ -54,8 +54,7 @@ def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) 
         kept = NORMALIZER, "distribution."  # the latter if standard deviations are fixed
         others = {key: x for key, x in state.items() if key.startswith(kept)}
         critic = point if name == "critic" else None
-        plain = plain_state(parameters, family["std_name"], critic)
-        loaded[f"{name}_state_dict"] = others | plain
+        loaded[f"{name}_state_dict"] = others | plain_state(parameters, family["std_name"], critic)
     groups = family["optimizer"]["param_groups"]
     states = [loaded[f"{name}_state_dict"] for name in family["shapes"]]
     number = sum(not key.startswith(NORMALIZER) for state in states for key in state)

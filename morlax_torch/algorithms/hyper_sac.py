@@ -198,8 +198,7 @@ class HyperSAC(Learner):
     def _explore(self, steps: int | None = None) -> None:
         rollout = self.rollout.first(steps or self.config.horizon)
         with one_thread(self.env.device):
-            explore = self._choose()
-            collect(self.env, explore, self.observation, rollout, self.generator)
+            collect(self.env, self._choose(), self.observation, rollout, self.generator)
         self.replay.add(rollout)
         self.agent.observation_normalizer.update(rollout.observation, group=self.group)
         self._measure(rollout)

@@ -65,8 +65,7 @@ def command(arguments: Sequence[str]) -> None:
             )
         make_folder(file.parent)
         largest = export(policy, file, options.format, weights, facts, robot)
-        task = policy.config.env
-        lacks = deploy(robot, file, task, policy.objectives, weights, options.slew)
+        lacks = deploy(robot, file, policy.config.env, policy.objectives, weights, options.slew)
     cli.console.print(f"written: {file} (largest difference from the policy: {largest:.0e})")
     if lacks is not None:
         use = f", for morlax play {file.parent}" if options.format == "onnx" else ""

@@ -51,7 +51,6 @@ class RslRlAgent(Agent):
         if (scale := getattr(config.task, "action_scale", None)) is None:
             raise MorlaxError(f"{config.env} has no action_scale, which rsl_rl's policies need.")
         layers = task.observation_size, *config.network.actor, task.action_size
-        actor = Squashed(layers, config.method.activation, scale)
-        super().__init__(config, task, actor=actor)
+        super().__init__(config, task, actor=Squashed(layers, config.method.activation, scale))
         self._own = []  # the config describes the actor
         self.observation_normalizer.limit = math.inf

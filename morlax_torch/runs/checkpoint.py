@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Annotated, Any, Self
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, NonNegativeInt, model_validator
 from torch import Tensor
 from torch.utils._pytree import tree_map_only
 
@@ -33,7 +33,7 @@ Size = Annotated[int, Field(ge=1, le=2**24)]
 class Task(BaseModel):
     """The sizes of a task, which do not depend on its code."""
 
-    objectives: tuple[str, ...]
+    objectives: Annotated[tuple[str, ...], AfterValidator(check_objectives)]
     observation_size: Size
     action_size: Size
     privileged_size: int = Field(default=0, ge=0, le=2**24)
@@ -44,12 +44,6 @@ class Task(BaseModel):
     def of(cls, env: Worlds) -> Self:
         task = cls.model_validate(env, from_attributes=True)
         return task.model_copy(update={"model_fingerprint": model_of(env)})
-
-    @field_validator("objectives")
-    @classmethod
-    def _check_names(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        check_objectives(names)
-        return names
 
 
 class Contents(BaseModel):

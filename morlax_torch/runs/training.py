@@ -282,8 +282,7 @@ class Schedule:
         self._expects_cost = env.device.type == "cuda" and not env.recordable
 
     def over(self) -> bool:
-        out_of_time = self._progress.train_seconds >= self._max_seconds
-        return out_of_time or self._iterations_left() <= 0
+        return self._progress.train_seconds >= self._max_seconds or self._iterations_left() <= 0
 
     def done(self, seconds: float) -> float:
         """Return the share of the run that is over after so many training seconds, 0 to 1."""

@@ -116,8 +116,7 @@ class Scheduler:
 
     def _open(self, number: int, seeds: int | None, seed: int) -> None:
         # alone, so that a film repeats an episode exactly; slow for many episodes
-        alone = not self._random
-        self._evaluator = simulator(self._policy, number, seeds, seed, alone)
+        self._evaluator = simulator(self._policy, number, seeds, seed, alone=not self._random)
         self._evaluator.compile()
 
     def _name(self, value: str) -> str:
