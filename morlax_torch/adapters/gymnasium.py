@@ -263,7 +263,9 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
             return self._pictures.show(*state)
         return self._pictures.draw(*state)
 
-    close = OneTask.close_extras
+    def close(self) -> None:
+        """Close the window and free the renderer."""
+        self.close_extras()
 
 
 class Stepping:
