@@ -115,7 +115,8 @@ def measure(policy: Policy, number: int, chunk: int) -> Measured:
     """
     m = len(policy.objectives)
     equal = torch.full((1, m), 1 / m)
-    tradeoffs = dirichlet_tradeoffs(number, m, alpha=0.5)
+    draws = np.random.default_rng(0).dirichlet(np.full(m, 0.5), number)
+    tradeoffs = torch.from_numpy(draws).float()
     return Measured(
         policy,
         tradeoffs,

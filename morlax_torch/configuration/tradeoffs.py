@@ -100,11 +100,9 @@ def _check_number(number: int, num_objectives: int) -> None:
         )
 
 
-def dirichlet_tradeoffs(
-    number: int, num_objectives: int, seed: int = 0, alpha: float = 1.0
-) -> Tensor:
-    """Draw (number, m) from Dirichlet(alpha), the same on every machine for the same seed."""
-    draws = np.random.default_rng(seed).dirichlet(np.full(num_objectives, alpha), number)
+def dirichlet_tradeoffs(number: int, num_objectives: int, seed: int = 0) -> Tensor:
+    """Draw (number, m) uniformly from the simplex, the same on every machine for the same seed."""
+    draws = np.random.default_rng(seed).dirichlet(np.ones(num_objectives), number)
     return torch.from_numpy(draws).float()
 
 
