@@ -253,7 +253,8 @@ class HyperSAC(Learner):
         actors, critics = agent.policies(self._drawn), agent.critic(self._drawn)
 
         def acted(policy: TanhNormal) -> tuple[Tensor, Tensor]:
-            action = policy.mean + policy.std * policy.noise(self.generator)
+            noise = torch.empty_like(policy.mean).normal_(generator=self.generator)
+            action = policy.mean + policy.std * noise
             return action.tanh(), policy.log_prob(action)[..., None]
 
         with torch.no_grad():

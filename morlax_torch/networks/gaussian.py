@@ -33,12 +33,7 @@ class TanhNormal:
     @property
     def mode(self) -> Tensor:
         """The deterministic action (..., A) in (-1, 1): tanh of the mean."""
-        return self.output.chunk(2, dim=-1)[0].tanh()
-
-    def noise(self, generator: torch.Generator | None = None) -> Tensor:
-        """Draw standard normal noise (..., A)."""
-        shape = *self.output.shape[:-1], self.output.shape[-1] // 2
-        return self.output.new_empty(shape).normal_(generator=generator)
+        return self.mean.tanh()
 
     def log_prob(self, action: Tensor) -> Tensor:
         """Return the log-density (...) of tanh(action), for unsquashed actions (..., A)."""
