@@ -750,12 +750,12 @@ def test_punches_of_a_tour_grow_with_the_episodes_that_last():
         if step % 4 == 3:
             env.env.sim.data.qpos[:][: 4 if step > 36 else 1, 3:7] = upside_down
         if step % 12 == 6:
-            punches.append(harness._force.norm(dim=1)[1:4])
+            punches.append(harness._force.norm(dim=1)[1:])  # also of the one at 0
         env.env.command_manager.get_command("twist").copy_(wish.expand(-1, 3))
         env.step(torch.zeros(5, 15))
-    assert (harness.level - torch.tensor([0, 0.25, 0.25, 0.25, 0])).abs().max() < 1e-6
-    assert punches[0].max() == 0 and (punches[1] > 0).all() and punches[1].max() <= 50
-    assert punches[2].min() > 16  # N
+    assert (harness.level - torch.tensor([0, 0.5, 0.5, 0.5, 0])).abs().max() < 1e-6
+    assert punches[0].max() == 0 and (punches[1] > 0).all() and punches[1].max() <= 100
+    assert punches[2].min() > 33  # N
 
 
 def test_the_vibration_of_a_tour_is_that_of_its_score(generator):

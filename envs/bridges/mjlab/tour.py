@@ -4,7 +4,7 @@ A policy owns legs and waist, the arms go to targets that walk at random, and in
 s a random joint is hit from a random direction.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -25,7 +25,7 @@ from . import tour_rules as rules
 from .walking import errors
 
 WALKING = "Mjlab-Velocity-Flat-Unitree-G1"
-STEP = 0.1  # how much an episode that lasts raises the level
+STEP = 0.2  # how much an episode that lasts raises the level
 ERROR = 0.4  # m/s and rad/s: the largest mean errors of an episode that raises it
 TURNING = 0.7  # share of commands that turn to a heading, as those of a tour do
 
@@ -41,10 +41,11 @@ class HarnessCfg(ActionTermCfg):
 class Harness(ActionTerm):
     """Moves the arms of N robots, and punches them; takes no action.
 
-    Episodes begin in a random second of the tour: punches are as strong, times the level of their
-    world, and arms move to where they may be by then in the first segment. With a curriculum,
+    Episodes begin in a random second of the tour: punches are as strong, times the median level of
+    all worlds, and arms move to where they may be by then in the first segment. With a curriculum,
     levels begin at 0, rise with each episode that lasts and follows its commands, and sink with one
-    that ends in its first half; else they are 1.
+    that ends in its first half; else they are 1. Worlds whose trade-off pays neither stay at 0, and
+    are punched like the others.
     """
 
     action_dim = 0
@@ -121,7 +122,7 @@ class Harness(ActionTerm):
         joint = torch.empty_like(self._skipped).uniform_(0, len(self._joints)).long()
         direction = torch.nn.functional.normalize(torch.randn_like(self._force), dim=1)
         climbed = ((self._skipped + seconds) / rules.RAMP).clamp(max=1)
-        share = self.level * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
+        share = self.level.median() * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
         refill(due, joint.clamp(max=len(self._joints) - 1), self._hit)
         refill(due, direction * (rules.strongest(climbed) * share)[:, None], self._force)
 
@@ -164,6 +165,8 @@ def config(play: bool) -> Any:
     action, pose = cfg.actions["joint_pos"], cfg.rewards["pose"].params
     action.actuator_names, action.scale = rules.OWNED, _owned(action.scale)
     pose["asset_cfg"].joint_names = rules.OWNED
+    articulation = cfg.scene.entities["robot"].articulation
+    articulation.actuators = _limited(articulation.actuators)
     for name in ("std_standing", "std_walking", "std_running"):
         pose[name] = _owned(pose[name])
     cfg.actions["harness"] = HarnessCfg(entity_name="robot", curriculum=not play)
@@ -182,6 +185,19 @@ def _owned(values: dict[str, float]) -> dict[str, float]:
     """Return the values whose names or patterns are not of arms."""
     arms = ("shoulder", "elbow", "wrist")
     return {name: value for name, value in values.items() if not any(x in name for x in arms)}
+
+
+def _limited(actuators: Any) -> tuple[Any, ...]:
+    """Return configs of actuators, one for each name, with the benchmark's torques."""
+    return tuple(
+        replace(
+            actuator,
+            target_names_expr=(name,),
+            effort_limit=rules.TORQUE if rules.WEAKER in name else actuator.effort_limit,
+        )
+        for actuator in actuators
+        for name in actuator.target_names_expr
+    )
 
 
 walking = registry.load_rl_cfg(WALKING), registry.load_runner_cls(WALKING)

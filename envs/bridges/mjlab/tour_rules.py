@@ -13,6 +13,7 @@ ARM = (
 )
 ARMS = tuple(f"{side}_{joint}_joint" for side in ("left", "right") for joint in ARM)
 MIRROR = (1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0)  # from the left arm to the right one
+WEAKER, TORQUE = "_hip_roll_", 88.0  # joints with less torque than mjlab's; N m
 WINDOW, WANDER = 0.5, 0.06  # s between targets; rad, the largest change of a control step
 SEGMENT, DELAY, DURATION = 5.0, 0.1, 0.08  # s between punches, before the first, of each
 STRONGEST, RAMP, WEAKEST = 500.0, 60.0, 1 / 3  # N; s until punches are so strong; share at first

@@ -33,7 +33,7 @@ ENTER, LEAVE = np.array([0.1, 0.05]), np.array([0.2, 0.12])  # m, rad: reached b
 TRIES = 8  # to find a target where hands may be
 HEIGHT, LOWEST = 0.793, 0.2  # m of the base when the crane lets go, and when the robot fell
 TIMESTEP = 0.002  # s
-TORQUE, FRICTION = 88.0, 1.0  # N m of a hip's roll, sliding
+FRICTION = 1.0  # sliding
 MESHES = "left_rubber_hand", "right_rubber_hand", "head_link"
 CORNERS = np.array(list(product((-1, 1), repeat=3)))  # of a box
 ENOUGH = 0.2  # smallest share of completed runs that has a mean
@@ -68,9 +68,6 @@ class Walker(Robot):
             )
         moved = model.actuator_trnid[:, 0].tolist()
         self._servos = [moved.index(joint) for joint in self._joints]
-        for side in ("left", "right"):
-            servo = self._servos[names.index(f"{side}_hip_roll_joint")]
-            model.actuator_forcerange[servo] = -TORQUE, TORQUE
         model.actuator_gainprm[:, 0], model.actuator_biasprm[:] = 1, 0  # `walk` has the gains
         self._stiffness, self._damping = np.array(settings.stiffness), np.array(settings.damping)
         self._targets = self._rest[0].copy()  # rad
