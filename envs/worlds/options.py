@@ -18,6 +18,7 @@ from pydantic import (
 from ..errors import shortened, unknown
 
 STORED = "stored"  # context of the values of a run, which an earlier version may have written
+MOST = 31  # objectives, of which moocore computes a hypervolume
 LARGEST = 1e9  # of any number, in size: squares of it are still finite in float32
 
 Objectives = dict[str, dict[str, float]]  # weights of reward terms, by objective
@@ -79,9 +80,11 @@ def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 def check_objectives(names: Names) -> Names:
-    """Raise ValueError unless these are at least two plain names of objectives; return them."""
+    """Raise ValueError unless these are plain names of 2 to 31 objectives; return them."""
     if len(names) < 2:
         raise ValueError("a trade-off needs at least two objectives")
+    if len(names) > MOST:
+        raise ValueError(f"{len(names)} objectives are too many: use at most {MOST}")
     for name in names:
         if not PLAIN_NAME.fullmatch(name):
             raise ValueError(

@@ -101,6 +101,10 @@ UNUSABLE = {
         "needs max_env_steps or",
     ),
     "dense": ({"worlds": 60, "sampling": {"mode": "dense"}}, "must divide the 60 worlds"),
+    "32 objectives": (
+        {"task": {"objectives": {f"run {i}": {"run": 1.0} for i in range(32)}}},
+        "32 objectives are too many: use at most 31",
+    ),
     "one objective": ({"task": {"objectives": {"all": {"run": 1.0}}}}, "at least two objectives"),
     "no end": ({"decay_fraction": 0.3}, "decay_fraction needs max_env_steps"),
     "an infinite start": ({"task": {"reset_noise": float("inf")}}, "reset_noise: Input should be"),
