@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 from torch.nn.functional import pad
 
 from ..configuration.config import Config
@@ -20,6 +21,11 @@ from .rsl_rl_family import FamilyModel, FamilyStorage, plain_state
 
 FAMILY = "family"  # key of the family in a checkpoint
 NORMALIZER = "obs_normalizer."  # before names of what is not trained
+# what reading a file raises that is damaged, or of another program
+DAMAGES = (
+    *(pickle.UnpicklingError, EOFError, RuntimeError),
+    *(AttributeError, LookupError, TypeError, ValueError),
+)
 
 
 def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) -> None:
@@ -31,19 +37,31 @@ def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) 
     Raises:
         MorlaxError: the file is no checkpoint of `ParetoPPO`, or the trade-off is invalid.
     """
+    unknown = MorlaxError(f"{checkpoint} is no checkpoint that ParetoPPO has written.")
     try:
         data = io.BytesIO(read(Path(checkpoint), "checkpoint"))
         loaded = torch.load(data, map_location="cpu", weights_only=True)
-        family = loaded.pop(FAMILY)
-    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, AttributeError):
-        raise MorlaxError(f"{checkpoint} is no checkpoint that ParetoPPO has written.") from None
-    loaded.pop(RSL_RL, None)
-    weights = one_tradeoff(tradeoff, family["objectives"], torch.device("cpu"))
-    point = weights / weights.sum()
+        objectives = loaded[FAMILY]["objectives"]
+    except DAMAGES:
+        raise unknown from None
+    weights = one_tradeoff(tradeoff, objectives, torch.device("cpu"))
+    try:
+        plain = _plain(loaded, weights / weights.sum())
+    except DAMAGES:
+        raise unknown from None
+    buffer = io.BytesIO()
+    torch.save(plain, buffer)
+    write_file(Path(output), buffer.getbuffer())
+
+
+def _plain(loaded: dict[str, Any], point: Tensor) -> dict[str, Any]:
+    """Return a plain checkpoint of rsl_rl from one of a family, for a trade-off (m,)."""
+    family = loaded[FAMILY]
+    plain = {key: value for key, value in loaded.items() if key not in (FAMILY, RSL_RL)}
     for name, shapes in family["shapes"].items():
         state = family[name]
         bias, weight = state["family.bias"], state["family.weight"]
-        features = mlp(len(weights), HIDDEN, weight.shape[1])
+        features = mlp(len(point), HIDDEN, weight.shape[1])
         prefix = "family.features."
         inner = {k.removeprefix(prefix): x for k, x in state.items() if k.startswith(prefix)}
         features.load_state_dict(inner)
@@ -54,17 +72,15 @@ def specialize(checkpoint: AnyPath, tradeoff: Sequence[float], output: AnyPath) 
         kept = NORMALIZER, "distribution."  # the latter if standard deviations are fixed
         others = {key: x for key, x in state.items() if key.startswith(kept)}
         critic = point if name == "critic" else None
-        loaded[f"{name}_state_dict"] = others | plain_state(parameters, family["std_name"], critic)
+        plain[f"{name}_state_dict"] = others | plain_state(parameters, family["std_name"], critic)
     groups = family["optimizer"]["param_groups"]
-    states = [loaded[f"{name}_state_dict"] for name in family["shapes"]]
+    states = [plain[f"{name}_state_dict"] for name in family["shapes"]]
     number = sum(not key.startswith(NORMALIZER) for state in states for key in state)
-    loaded["optimizer_state_dict"] = {
+    plain["optimizer_state_dict"] = {
         "state": {},
         "param_groups": [{**groups[0], "params": [*range(number)]}],
     }
-    buffer = io.BytesIO()
-    torch.save(loaded, buffer)
-    write_file(Path(output), buffer.getbuffer())
+    return plain
 
 
 def contents(actor: FamilyModel, config: Config, storage: FamilyStorage) -> dict[str, Any]:

@@ -474,6 +474,11 @@ def test_a_family_of_other_features_is_one_sentence(trained, tmp_path):
         morlax_torch.load(tmp_path)
     with pytest.raises(MorlaxError, match="no checkpoint that ParetoPPO has written"):
         specialize(Path(__file__), (1, 1), "never.pt")
+    loaded = torch.load(trained[1] / "model_59.pt", weights_only=True)
+    for family in ([], loaded["family"] | {"shapes": 3}, loaded["family"] | {"critic": {}}):
+        torch.save(loaded | {"family": family}, tmp_path / "damaged.pt")
+        with pytest.raises(MorlaxError, match=r"damaged\.pt is no checkpoint that ParetoPPO"):
+            specialize(tmp_path / "damaged.pt", (1, 1), "never.pt")
 
 
 def test_other_models_and_rewards_are_one_sentence():
