@@ -22,11 +22,9 @@ from torch import Tensor
 
 from ...worlds.episodes import refill
 from . import tour_rules as rules
-from .walking import errors
 
 WALKING = "Mjlab-Velocity-Flat-Unitree-G1"
 STEP = 0.2  # how much an episode that lasts raises the level
-ERROR = 0.4  # m/s and rad/s: the largest mean errors of an episode that raises it
 TURNING = 0.7  # share of commands that turn to a heading, as those of a tour do
 
 
@@ -41,11 +39,10 @@ class HarnessCfg(ActionTermCfg):
 class Harness(ActionTerm):
     """Moves the arms of N robots, and punches them; takes no action.
 
-    Episodes begin in a random second of the tour: punches are as strong, times the median level of
-    all worlds, and arms move to where they may be by then in the first segment. With a curriculum,
-    levels begin at 0, rise with each episode that lasts and follows its commands, and sink with one
-    that ends in its first half; else they are 1. Worlds whose trade-off pays neither stay at 0, and
-    are punched like the others.
+    Episodes begin in a random second of the tour: punches are as strong, times the level of their
+    world, and arms move to where they may be by then in the first segment. With a curriculum,
+    levels begin at 0, rise with each episode that lasts, and sink with one that ends in its first
+    half; else they are 1.
     """
 
     action_dim = 0
@@ -67,7 +64,6 @@ class Harness(ActionTerm):
         self._after = torch.zeros_like(self._before)
         self._skipped = zeros(N)  # s of the tour before the episode
         self.level = zeros(N) + (not cfg.curriculum)
-        self._errors = zeros(N, 2)  # of velocity and turning, summed over the episode's steps
         self._hit = torch.zeros(N, dtype=torch.long, device=env.device)  # joint of the punch
         self._force = zeros(N, 3)
         self._targets = zeros(N, 2 * len(rules.ARM))
@@ -86,16 +82,11 @@ class Harness(ActionTerm):
         self._skipped[env_ids] = skipped[env_ids]
         if self.cfg.curriculum:
             steps, most = self._env.episode_length_buf, self._env.max_episode_length
-            followed = (self._errors <= ERROR * steps[:, None]).all(1)
-            change = STEP * ((steps >= most) & followed) - 0.5 * STEP * (steps < most / 2)
+            change = STEP * (steps >= most).float() - 0.5 * STEP * (steps < most / 2)
             self.level[env_ids] = (self.level + change).clamp(0, 1)[env_ids]
-            self._errors[env_ids] = 0.0
 
     def process_actions(self, actions: Tensor) -> None:
         steps, dt = self._env.episode_length_buf, self._env.step_dt
-        if self.cfg.curriculum:
-            command = self._env.command_manager.get_command("twist")
-            self._errors += torch.stack(errors(command, self._robot.data), 1)
         segment, since = round(rules.SEGMENT / dt), steps - round(rules.DELAY / dt)
         self._move_arms(steps, round(rules.WINDOW / dt), segment)
         phase = since % segment
@@ -122,7 +113,7 @@ class Harness(ActionTerm):
         joint = torch.empty_like(self._skipped).uniform_(0, len(self._joints)).long()
         direction = torch.nn.functional.normalize(torch.randn_like(self._force), dim=1)
         climbed = ((self._skipped + seconds) / rules.RAMP).clamp(max=1)
-        share = self.level.median() * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
+        share = self.level * torch.empty_like(climbed).uniform_(rules.LIGHTEST, 1)
         refill(due, joint.clamp(max=len(self._joints) - 1), self._hit)
         refill(due, direction * (rules.strongest(climbed) * share)[:, None], self._force)
 
