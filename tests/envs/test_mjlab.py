@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -61,6 +62,23 @@ def narrow_ground(monkeypatch) -> None:
         return cfg
 
     monkeypatch.setattr(registry, "load_env_cfg", narrow)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def same_meshes() -> Iterator[None]:
+    """Make the mesh of each height field once, instead of twice for each environment."""
+    bvh, known = import_module("mujoco_warp._src.bvh"), {}
+    usual = bvh._optimize_hfield_mesh
+
+    def mesh(heights: np.ndarray, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
+        key = heights.tobytes(), *sizes
+        if key not in known:
+            known[key] = usual(heights, *sizes)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bvh, "_optimize_hfield_mesh", mesh)
+        yield
 
 
 @pytest.fixture(scope="module")
