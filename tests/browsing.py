@@ -1,10 +1,7 @@
 """The explorer as a command, and two ways to visit it: Chromium, and a websocket of our own."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,10 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from programs import Program
 
 from morlax_torch import MorlaxError
 
-ROOT = Path(__file__).parent.parent
+COMMAND = """
+import sys
+sys.stdout.reconfigure(line_buffering=True)
+from morlax_torch.__main__ import main
+main()
+"""
 PATIENCE = 120  # s until a page that does not answer counts as broken, also on a busy machine
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 FLAGS = (
@@ -49,33 +52,37 @@ def needs_page() -> None:
 
 
 @contextmanager
-def exploring(*arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
+def exploring(*arguments: str) -> Iterator[tuple[str, Program]]:
     """Serve a run from the current folder; yields the page's address and the process."""
     with started("explore", *arguments, "--port", "0") as process:
         yield addressed(process), process
 
 
 @contextmanager
-def started(*words: str) -> Iterator[subprocess.Popen]:
+def started(*words: str) -> Iterator[Program]:
     """Start a command that serves a page."""
     needs_page()
-    pipe, path = subprocess.PIPE, os.pathsep.join([str(ROOT), *sys.path])
-    env = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "morlax_torch", *words]
-    process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=env)
+    process = Program(COMMAND, Path.cwd(), words)
     try:
         yield process
     finally:
         process.kill()
-        process.communicate()
 
 
-def addressed(process: subprocess.Popen) -> str:
-    """Read what a command prints up to the page's address, and return it."""
-    for line in process.stdout or ():
-        if line.startswith("open "):
-            return line.split()[1]
-    raise AssertionError("no address is printed")
+def addressed(process: Program) -> str:
+    """Wait until a command prints the page's address, and return it."""
+    return awaited(process, "open ").split()[1]
+
+
+def awaited(process: Program, start: str) -> str:
+    """Wait until a command prints a line that starts so, and return the line."""
+    while True:
+        running = process.poll() is None
+        for line in process.printed():
+            if line.startswith(start):
+                return line
+        assert running, f"no line starts with {start}"
+        time.sleep(0.05)
 
 
 class View:

@@ -38,7 +38,21 @@ class Program:
 
     def terminate(self) -> None:
         """Send SIGTERM."""
-        os.kill(self._process.pid or 0, signal.SIGTERM)
+        self.send_signal(signal.SIGTERM)
+
+    def send_signal(self, number: signal.Signals) -> None:
+        os.kill(self._process.pid or 0, number)
+
+    def kill(self) -> None:
+        """End the program at once, if it still runs."""
+        self._process.kill()
+        self._process.join()
+
+    def printed(self) -> list[str]:
+        """Return the whole lines that are on stdout so far."""
+        file = self._folder / "stdout"
+        lines = file.read_text().splitlines(keepends=True) if file.exists() else []
+        return [line for line in lines if line.endswith("\n")]
 
     def ended(self, seconds: float | None = None) -> tuple[int, str, str]:
         """Wait for the end; return exit status and what was written to stdout and to stderr."""

@@ -462,7 +462,7 @@ def test_robots_with_one_body_have_no_sliders_for_it():
 
 
 @pytest.mark.slow
-def test_a_body_is_changed_in_a_browser(run):
+def test_a_body_is_changed_in_a_browser(run, workplace):
     with chromium() as browser, exploring(str(run)) as (address, _):
         view = View(browser, address)
         view.drag("thigh (m)", 1.0)

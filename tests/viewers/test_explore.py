@@ -18,6 +18,7 @@ import pytest
 from browsing import PATIENCE, View, chromium, exploring, needs_page
 from growing import grow, train_on
 from matplotlib.colors import to_rgb
+from programs import Program
 from tiny import TYPED
 
 from morlax_torch.commands import explore, train
@@ -84,7 +85,7 @@ LONG = "a-long-name-of-an-experiment"
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory, make_run) -> Iterator[tuple[str, subprocess.Popen]]:
+def served(tmp_path_factory, make_run) -> Iterator[tuple[str, Program]]:
     """Serve a run with three objectives; others lie beside it. Yields address and process."""
     place = tmp_path_factory.mktemp("served")
     grow(make_run(place / "runs/cheetah3/a", "cheetah3", "best", "latest"))
@@ -579,8 +580,9 @@ def test_sliders_follow_a_trade_off_over_time_and_the_page_tells_the_end_of_its_
             assert view.value("run") == pytest.approx(held, abs=6e-3)
             follow.click()
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 0 and errors == "" and output == ""
+        status, output, errors = process.ended(PATIENCE)
+        assert status == 0 and errors == ""
+        assert output.splitlines()[-1].startswith("open ")
         view.until(lambda: "has stopped" in view.text("event"), "nothing is said")
         view.tab.close()
 

@@ -4,14 +4,14 @@ import errno
 import math
 import signal
 import socket
-import subprocess
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 
 import pytest
-from browsing import PATIENCE, Client, addressed, exploring, started
+from browsing import PATIENCE, Client, addressed, awaited, exploring, started
+from programs import Program
 from tiny import TYPED
 
 
@@ -32,11 +32,11 @@ def address(tmp_path_factory, make_run) -> Iterator[str]:
             assert ended(process) == ""
 
 
-def ended(process: subprocess.Popen) -> str:
+def ended(process: Program) -> str:
     """Stop a server that must still be running, and return what it wrote to stderr."""
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0
+    status, _, errors = process.ended(PATIENCE)
+    assert status == 0
     return errors
 
 
@@ -174,7 +174,7 @@ def test_ctrl_c_does_not_wait_for_clients_that_do_not_read(workplace, make_run):
         reading = Client(address)
         reading.until(lambda: reading.frames > 20, "no frames")
         process.send_signal(signal.SIGINT)
-        process.wait(timeout=8)  # about one second; websockets alone takes 10 to 20
+        process.ended(8)  # about one second; websockets alone takes 10 to 20
         for client in clients:
             client.close()
 
@@ -192,8 +192,8 @@ def test_a_page_beside_training_follows_it_and_ends_with_it(workplace):
         client.moves()
         client.close()
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 130 and "interrupted" in output and errors == ""
+        status, output, errors = process.ended(PATIENCE)
+        assert status == 130 and "interrupted" in output and errors == ""
         for _ in range(10 * PATIENCE):
             if refuses(address):
                 break
@@ -205,12 +205,8 @@ def test_a_page_beside_training_follows_it_and_ends_with_it(workplace):
 @pytest.mark.slow
 def test_a_page_beside_training_stays_until_ctrl_c(workplace):
     with started("train", "--env", "hopper", *TYPED, "--explore") as process:
-        lines: list[str] = []
-        while not {"open", "the"} <= {line.split()[0] for line in lines if line.strip()}:
-            lines.append(process.stdout.readline())
-            assert lines[-1]
-        address, *_ = [line.split()[1] for line in lines if line.startswith("open ")]
-        client = Client(address)
+        awaited(process, "the page stays open")
+        client = Client(addressed(process))
         client.moves()
         client.close()
         assert ended(process) == ""
