@@ -21,7 +21,7 @@ from morlax_torch.viewers.web.writing import build, compiled, described, start
 
 pytest.importorskip("onnxscript", reason="the extra [onnx] is not installed")
 InferenceSession = pytest.importorskip("onnxruntime").InferenceSession
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid", "Tumbler")]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("ant", "humanoid")]
 LONG = pytest.param("bruce", marks=[pytest.mark.slow, pytest.mark.long])
 
 
@@ -41,10 +41,8 @@ def robots(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize("name", [*SLOW, LONG])
-def test_graphs_step_like_the_task(name, robots):
-    traced = trace(world(f"{robots}:{name}" if name == "Tumbler" else name))
-    if name == "Tumbler":
-        assert traced.terms == ("vx", "energy")
+def test_graphs_step_like_the_task(name):
+    trace(world(name))  # which compares them
 
 
 def test_a_page_moves_mocap_bodies_and_applies_forces_as_the_task_does(robots):

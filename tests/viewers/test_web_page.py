@@ -171,7 +171,7 @@ def test_physics_follows_c_mujoco(empty, site, folder, number):
         exact.step()
         expected.append(exact.qpos[0].numpy().copy())
     found = empty.evaluate(SIMULATE, [site, f"runs/{number}", controls.tolist()])
-    assert about["dt"] == env.dt
+    assert about["dt"] == env.dt and about["terms"] == list(env.terms())
     gap = np.abs(np.array(found) - expected).max()
     assert gap < 1e-6, gap
 
