@@ -1,5 +1,6 @@
 """A small motion of our own: the G1 squats and waves, made by kinematics."""
 
+import functools
 from pathlib import Path
 
 import mujoco
@@ -8,6 +9,7 @@ import numpy as np
 STANCE = {"hip_pitch": -0.312, "knee": 0.669, "ankle_pitch": -0.363, "elbow": 0.6}  # rad
 
 
+@functools.cache
 def g1() -> mujoco.MjModel:
     """Return mjlab's G1 without a scene: a free joint, 29 hinges, 30 bodies."""
     from mjlab.asset_zoo.robots import get_g1_robot_cfg
