@@ -14,7 +14,6 @@ import torch
 from browsing import PATIENCE
 from filelock import FileLock
 from growing import grow, train_on
-from programs import SERVER
 
 from morlax_torch import MorlaxError, evaluate, load
 from morlax_torch.configuration.schedules import Schedule
@@ -270,7 +269,6 @@ def test_a_run_that_is_being_trained_shows_its_latest_checkpoint(workplace, make
 def test_files_are_written_while_the_robots_go_on(tmp_path, monkeypatch, make_run):
     onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
     monkeypatch.setattr(choosing, "MOST_BATCHES", 1)
-    monkeypatch.setattr(library, "get_context", lambda _: SERVER)
     run = make_run(tmp_path / "run", "hopper", "best", "latest")
     requests = Queue()
 
