@@ -179,7 +179,10 @@ class Chooser:
         evaluator = Evaluator(agent, env, points, protocol, self._seed ^ 1, seeds, alone=True)
         evaluator.compile()
         finalists, values = np.empty(0, dtype=int), np.empty((0, len(required.names)))
-        for first in range(0, min(len(ranked), MOST_GROUPS * (FINALISTS - 1)), FINALISTS - 1):
+        # the best were lucky, and so are their neighbors: also try others, up to the last
+        ranks = np.geomspace(1, len(ranked), MOST_GROUPS * (FINALISTS - 1)).round().astype(int)
+        ranked = ranked[np.unique(ranks) - 1]
+        for first in range(0, len(ranked), FINALISTS - 1):
             group = np.append(ranked[first : first + FINALISTS - 1], free)
             again = self._simulate(evaluator, candidates.tradeoffs[group])
             finalists, values = np.append(finalists, group), np.vstack([values, again])

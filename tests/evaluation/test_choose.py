@@ -298,6 +298,19 @@ def test_other_episodes_decide_than_those_that_chose_the_finalists(tmp_path, mon
     assert found.returns == pytest.approx({"left": best[0], "right": 1 - (best[0] - 0.3) ** 2})
 
 
+def test_a_requirement_is_kept_even_if_all_of_the_best_were_lucky(tmp_path, monkeypatch):
+    run = separate(tmp_path / "run", "gusty", Gusty)
+    chooser = Chooser(load(run), None)
+
+    def simulate(_chooser, evaluator, tradeoffs: np.ndarray) -> np.ndarray:
+        luck = 0.3 if evaluator is chooser._evaluator else 0.0
+        return np.stack([tradeoffs[:, 0] + luck, 1 - tradeoffs[:, 0]], 1)
+
+    monkeypatch.setattr(Chooser, "_simulate", simulate)
+    found = chooser.choose({"left": 0.5}, "right")
+    assert 0.5 <= found.returns["left"] < 0.7
+
+
 @pytest.mark.slow
 def test_the_search_comes_close_to_a_dense_scan(three, monkeypatch):
     """Near trade-offs of a robot that hops differ by chance, so few are better than all others."""
