@@ -585,17 +585,23 @@ def test_commands_that_our_step_draws_are_distributed_like_mjlab_s(monkeypatch):
 
 
 @pytest.mark.parametrize("name", [GO1, ROUGH])
-def test_worlds_of_the_same_episode_draw_alike(name):
+def test_worlds_of_the_same_episode_draw_alike_whatever_their_number(name):
     options = {"commands": {"twist.lin_vel_x": (-2.0, 2.0)}, "robust": name == ROUGH}
-    go1 = envs.make(name, 6, "cpu", auto_reset=False, **options)
+    few, go1 = (envs.make(name, number, "cpu", auto_reset=False, **options) for number in (2, 6))
+    few.share_draws(torch.arange(2), 2)
     go1.share_draws(torch.arange(6) // 3, 2)
-    seen, term = go1.reset(), go1.env.command_manager.get_term("twist")
+    for each in (few, go1):
+        each.reseed(1)
+    alone = few.reset()
+    seen = go1.reset()
     for _ in range(12):
-        one, _, _, other, _, _ = seen
+        one, other = alone
         # worlds stand in different places, which rounds differently
         torch.testing.assert_close(seen, torch.stack([one] * 3 + [other] * 3), atol=0.01, rtol=0)
         assert (one - other).abs().max() > 0.3
-        term.time_left -= 1.0  # draw new commands sooner
+        for each in (few, go1):  # draw new commands sooner
+            each.env.command_manager.get_term("twist").time_left -= 1.0
+        alone = few.step(torch.zeros(2, 12)).observation
         seen = go1.step(torch.zeros(6, 12)).observation
     drawn = [go1.env.sim.model.geom_friction, go1.env.sim.model.body_ipos]
     if name == ROUGH:
@@ -603,6 +609,7 @@ def test_worlds_of_the_same_episode_draw_alike(name):
         drawn += [go1.env.sim.model.body_mass, late._lag, go1.env.scene.terrain.env_origins]
     for values in drawn:
         assert (values[0] == values[2]).all() and (values[0] != values[3]).any()
+    assert (few.env.sim.model.body_ipos[1] == go1.env.sim.model.body_ipos[3]).all()
 
 
 def test_without_a_gpu_the_best_of_the_front_is_chosen():

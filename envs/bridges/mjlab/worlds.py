@@ -141,7 +141,8 @@ class MjlabWorlds(ForeignWorlds):
             self._measures.start(episodes, self.episode_length)
         elif self._step is None:
             return  # mjlab draws for some worlds at a time
-        self._sharing = SharedDraws(episodes.to(self.device))
+        self.reseed(self.generator.initial_seed())  # for models that do not depend on N either
+        self._sharing = SharedDraws(episodes.to(self.device), number)
         with drawing_from(self.generator), self._sharing:
             if "startup" in self.env.event_manager.available_modes:
                 self.env.event_manager.apply(mode="startup")
@@ -213,18 +214,33 @@ class MjlabWorlds(ForeignWorlds):
 
 
 class SharedDraws(TorchDispatchMode):
-    """Lets worlds of the same of `episodes` (N,) draw alike, wherever N rows are drawn at once."""
+    """Lets worlds of the same of `episodes` (N,) draw alike, wherever N rows are drawn at once.
 
-    def __init__(self, episodes: Tensor):
+    Only a row for each of `number` episodes is drawn, so draws do not depend on N.
+    """
+
+    def __init__(self, episodes: Tensor, number: int):
         super().__init__()
-        self.number, self.source = len(episodes), episodes % len(episodes)
+        self.all, self.number = len(episodes), min(number, len(episodes))
+        self.source = episodes % self.number
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        drawn = func(*args, **(kwargs or {}))
-        if torch.Tag.nondeterministic_seeded not in func.tags or drawn.shape[:1] != (self.number,):
+        kwargs = kwargs or {}
+        if torch.Tag.nondeterministic_seeded not in func.tags:
+            return func(*args, **kwargs)
+        drawn = func(*map(self._fewer, args), **kwargs)
+        if drawn.shape[:1] != (self.number,):
             return drawn
         shared = drawn[self.source]
-        return drawn.copy_(shared) if func._schema.is_mutable else shared
+        return args[0].copy_(shared) if func._schema.is_mutable else shared
+
+    def _fewer(self, value: Any) -> Any:
+        """Return the rows of N, or the shape of as many, to draw in their place."""
+        if isinstance(value, Tensor) and value.shape[:1] == (self.all,):
+            return value[: self.number]
+        if isinstance(value, list) and value[:1] == [self.all]:
+            return [self.number, *value[1:]]
+        return value
 
 
 def build(name: str, config: Callable[[], Any], device: torch.device) -> Any:
