@@ -511,6 +511,8 @@ def test_uneven_ground_is_recorded_and_exports_stand_on_a_plane():
         assert worlds.supported(worlds.changed(name, config.task, 2, 0))
     with pytest.raises(MorlaxError, match=r"no command of velocity: leave task\.robust out"):
         envs.make(CARTPOLE, 1, "cpu", robust=True)
+    with pytest.raises(MorlaxError, match=r"follows no motion: leave task\.motion_file out"):
+        envs.make(CARTPOLE, 1, "cpu", motion_file="dance.npz")
 
 
 def test_worlds_that_share_a_trade_off_walk_on_all_kinds_of_ground():

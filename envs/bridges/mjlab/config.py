@@ -94,9 +94,11 @@ def changed(name: str, options: MjlabOptions, num_worlds: int, seed: int) -> Any
         term.weight = term.weight or 1.0
     for path, limits in options.commands.items():
         _set_range(cfg, path, limits)
-    for command in cfg.commands.values():
-        if hasattr(command, "motion_file"):
-            command.motion_file = _motion(name, options, cfg, command)
+    followers = [term for term in cfg.commands.values() if hasattr(term, "motion_file")]
+    if options.motion_file and not followers:
+        raise MorlaxError(f"{name} follows no motion: leave task.motion_file out.")
+    for command in followers:
+        command.motion_file = _motion(name, options, cfg, command)
     if not options.curriculum:
         cfg.curriculum = {}
         for action in cfg.actions.values():
