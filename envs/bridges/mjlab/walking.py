@@ -86,9 +86,8 @@ class Walking(Measures):
         error, turning, speed, along, asked, power, torque, jolts, *others = numbers
         drift, standing, force, landings = others
         # a robot that stands has no cost of transport; a large one says so in figures
-        share, cost = along / asked.clip(1e-9), power / (self._weight * speed.clip(0.01))
-        hottest, drift = joints.max(1) ** 0.5, drift / standing.clip(1e-9)
-        force = np.divide(force, landings, out=np.full_like(force, np.nan), where=landings > 0)
+        cost, hottest = power / (self._weight * speed.clip(0.01)), joints.max(1) ** 0.5
+        share, force, drift = map(_per, (along, force, drift), (asked, landings, standing))
         rest = hottest, jolts**0.5, force, self._asymmetry(joints**0.5), drift, 1000 * falls
         return np.stack([error, turning, speed, share, power, torque**0.5, cost, *rest], 1)
 
@@ -98,6 +97,11 @@ class Walking(Measures):
             return np.full(len(torques), np.nan)
         others = torques[:, self._partners]
         return abs(torques - others).sum(1) / (torques + others).sum(1).clip(1e-9)
+
+
+def _per(total: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return totals (K,) by counts (K,); NaN where nothing was counted."""
+    return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
 
 
 def errors(command: Tensor, data: Any) -> tuple[Tensor, Tensor]:
