@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from functools import cache, partial
 from importlib import import_module
+from operator import is_
 from typing import Any, ClassVar
 
 import numpy as np
@@ -225,13 +226,12 @@ class SharedDraws(TorchDispatchMode):
         self.source = episodes % self.number
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        kwargs = kwargs or {}
-        if torch.Tag.nondeterministic_seeded not in func.tags:
+        kwargs, fewer = kwargs or {}, args
+        if torch.Tag.nondeterministic_seeded in func.tags:
+            fewer = [self._fewer(value) for value in args]
+        if all(map(is_, fewer, args)):
             return func(*args, **kwargs)
-        drawn = func(*map(self._fewer, args), **kwargs)
-        if drawn.shape[:1] != (self.number,):
-            return drawn
-        shared = drawn[self.source]
+        shared = func(*fewer, **kwargs)[self.source]
         return args[0].copy_(shared) if func._schema.is_mutable else shared
 
     def _fewer(self, value: Any) -> Any:
