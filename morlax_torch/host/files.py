@@ -25,7 +25,7 @@ def attempting(task: str, *others: type[Exception]) -> Iterator[None]:
         yield
     except (OSError, *others) as error:
         reason = getattr(error, "strerror", None) or line(error)
-        raise MorlaxError(f"cannot {task}: {reason}.") from None
+        raise MorlaxError(f"cannot {task}: {reason.rstrip('.')}.") from None
 
 
 def read(path: AnyPath, what: str = "file") -> bytes:

@@ -269,6 +269,10 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
             "JointPositionAction"
         ]["offset"].pop(),
         "ranges needs lin_vel_x": lambda content: content["commands"].clear(),
+        "step_dt is 0.001: use a multiple of 0.005": lambda content: content.update(step_dt=0.001),
+        "Got: 14 Expected: 12": lambda content: content["observations"]["joint_pos_rel"].update(
+            history_length=3
+        ),
         "no joint knee": lambda content: content["morlax_torch"]["joints"].__setitem__(0, "knee"),
     }
     text = (folder / "deploy.yaml").read_text()

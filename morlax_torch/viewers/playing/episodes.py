@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...envs.errors import MorlaxError, installation
+from ...exports.deployment import SETTINGS
 from ...host.files import attempting, read
 from ...host.phases import phase
 from ..window import open_window
@@ -54,7 +55,8 @@ class Policy:
             import onnxruntime
         except ImportError:
             raise MorlaxError(f"play needs onnxruntime: {installation('onnx')}.") from None
-        content, options = read(deployment.policy, "policy"), onnxruntime.SessionOptions()
+        self._file, options = deployment.policy, onnxruntime.SessionOptions()
+        content = read(self._file, "policy")
         options.intra_op_num_threads = 1  # the network is small
         # errors of its own classes, which have no common base but this
         with attempting(f"load {deployment.policy}", Exception):
@@ -84,7 +86,8 @@ class Policy:
         inputs = {"observation": observation[None].astype(np.float32)}
         if self.slides:
             inputs["tradeoff"] = self.tradeoff.astype(np.float32)
-        (actions,) = self._session.run(["action"], inputs)
+        with attempting(f"run {self._file} by the {SETTINGS} beside it", Exception):
+            (actions,) = self._session.run(["action"], inputs)
         return np.asarray(actions, float)[0]
 
     def drive(self, robot: Robot, command: Array) -> bool:

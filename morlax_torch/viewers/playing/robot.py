@@ -236,7 +236,11 @@ class Robot:
         collides = (model.geom_contype | model.geom_conaffinity) > 0
         self._sliding = collides & (model.geom_condim > 1)
         self._rng = np.random.default_rng(seed)
-        self._substeps = round(self.dt / model.opt.timestep)
+        self._substeps = round(self.dt / (physics := model.opt.timestep))
+        if not math.isclose(self._substeps * physics, self.dt, rel_tol=1e-5):  # seven digits
+            raise MorlaxError(
+                f"step_dt is {self.dt:g}: use a multiple of {physics:g}, the model's."
+            )
         self._terms = list(settings.observations.items())
         self._noise = np.array(settings.observation_noise) * self._disturbances.noise
         free = model.body_jntadr[self.base]
