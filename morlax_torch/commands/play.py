@@ -99,6 +99,8 @@ def command(arguments: Sequence[str]) -> None:
     if options.output is None and has_display():
         cli.console.print(SLIDING if follows else HELP)
         falls = show(deployment, seconds, options.gamepad, seed)
+    elif options.gamepad is not None:
+        raise MorlaxError("--gamepad steers a robot in a window, not in a film: leave it out.")
     else:
         file = options.output or Path("film.mp4")
         length = (deployment.duration or 5.0) if seconds is None else seconds

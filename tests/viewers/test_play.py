@@ -261,6 +261,8 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
     assert "needs 2 numbers" in refused(play, folder, "--tradeoff", "1", "--episodes", "1")
     filmed = refused(play, folder, "--episodes", "1", "--output", "film.mp4")
     assert "--output has no effect with --episodes" in filmed
+    steered = refused(play, folder, "--output", "film.mp4", "--gamepad", "/dev/input/js0")
+    assert "--gamepad steers a robot in a window, not in a film" in steered
     hopper = make_run(tmp_path / "hopper", "hopper", "best")
     assert "hopper does not have" in refused(export, hopper, "--slew", "1")
     changes = {
