@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..errors import MorlaxError, user_code
 from ..naming import GYMNASIUM
-from ..worlds.options import Count, ObjectiveOptions, Objectives, Point
+from ..worlds.options import Count, ObjectiveOptions, Objectives
 from .foreign import ForeignWorlds, Outcome
 
 UNLIMITED = 500  # steps per episode of an environment without a limit of its own
@@ -27,8 +27,8 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
 
     Its reward terms are the components of the vector reward, `reward_0`, `reward_1` and so on; by
     default each is an objective. An episode ends when the environment ends it, or after
-    `episode_length` steps, by default the environment's own limit, or 500. If `reward_space` has a
-    lower bound, the reference point is that bound over a whole episode.
+    `episode_length` steps, by default the environment's own limit, or 500. If `reward_space` has
+    bounds, the default reference point is the worst episode that they allow.
 
     Args:
         make: returns a new environment with a `reward_space` at each call.
@@ -61,11 +61,9 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
     assert isinstance(actions, Box) and isinstance(rewards, Box)
     time = (one.spec and one.spec.max_episode_steps) or UNLIMITED
     terms = [f"reward_{i}" for i in range(rewards.shape[0])]
-    least = np.where(np.isfinite(rewards.low), rewards.low, 0.0).clip(max=0.0) * time
 
     class Options(ObjectiveOptions):
         objectives: Objectives = {term: {term: 1.0} for term in terms}
-        reference_point: Point = tuple(least.tolist())
         episode_length: Count = time
 
     one.close()
@@ -74,6 +72,7 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
         "make_one": staticmethod(make),
         "name": name,
         "box": actions,
+        "bounds": torch.from_numpy(np.stack([rewards.low, rewards.high]) * time),
         "reward_terms": tuple(terms),
         "action_size": int(np.prod(actions.shape)),
         "observation_size": gymnasium.spaces.flatdim(seen),
@@ -103,6 +102,7 @@ class GymnasiumWorlds(ForeignWorlds):
 
     make_one: ClassVar[Callable[[], gymnasium.Env]]
     box: ClassVar[Box]  # of actions
+    bounds: ClassVar[Tensor]  # (2, terms) of an episode's rewards
     simulator = "gymnasium"
 
     @classmethod
@@ -128,6 +128,13 @@ class GymnasiumWorlds(ForeignWorlds):
         # as environments give it
         self._observation = np.zeros((self.num_worlds, self.observation_size))
         self.reseed(seed)
+
+    def define_objectives(self, dtype: torch.dtype = torch.float32) -> None:
+        super().define_objectives(dtype)
+        if self.options.reference_point is None:
+            worst = (self.bounds[..., None] * self._weights).amin(0)  # (terms, m)
+            worst = torch.where(worst.isfinite(), worst, 0.0).clamp(max=0.0)
+            self.reference_point = tuple(worst.sum(0).tolist())
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         for world in which.nonzero().squeeze(1).tolist():

@@ -70,6 +70,9 @@ def test_worlds_expose_objectives_spaces_and_limits():
     assert worlds.objectives == ("reward_0", "reward_1")
     assert worlds.episode_length == 999
     assert worlds.reference_point == (-999.0, -999.0)  # the lowest reward on every step
+    objectives = {"late": {"reward_0": -1.0}, "fuel": {"reward_0": 0.5, "reward_1": 2.0}}
+    regrouped = envs.make(CAR, 2, "cpu", objectives=objectives)
+    assert regrouped.reference_point == (0.0, -2.5 * 999)  # rewards are from -1 to 0
     assert (worlds.observation_size, worlds.action_size, len(worlds.objectives)) == (2, 1, 2)
     assert worlds.dt == math.inf
     assert envs.make("gymnasium:mo-hopper-v5", 1, "cpu").dt == pytest.approx(0.008)
