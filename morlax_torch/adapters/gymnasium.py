@@ -345,6 +345,7 @@ class GymnasiumVectorEnv(OneTask, gymnasium.vector.VectorEnv):
         model_seed: int | None = 0,
         **task_options: Any,
     ):
+        task_options = {"stagger": False, **task_options}  # mjlab's tasks have another default
         if max_episode_steps is not None:
             task_options = {"episode_length": max_episode_steps, **task_options}
         self._check(task, task_options, render_mode)

@@ -228,6 +228,19 @@ def test_vector_environments_match_gymnasium_s_sync_vector_env():
     assert ended == 1 + 2 + 1  # one truncation, and three falls
 
 
+def test_episodes_after_a_reset_are_whole_whatever_a_task_s_default():
+    class Staggered(Cheetah):
+        class Options(Cheetah.Options):
+            stagger: bool = True  # as in mjlab's tasks
+
+    envs.register("staggered", Staggered)
+    for options, whole in (({}, True), ({"stagger": True}, False)):
+        env = vector("morlax_torch/Staggered-v0", 9, episode_length=6, **options)
+        env.reset(seed=0)
+        ends = [env.step(torch.zeros(9, 6))[3].all().item() for _ in range(6)]
+        assert (ends == [False] * 5 + [True]) == whole
+
+
 def test_statistics_sum_each_objective_over_whole_episodes():
     env = EpisodeStatistics(vector(WALKER, num_envs=4, episode_length=100), gamma=0.9)
     env.reset(seed=0)
