@@ -1,12 +1,12 @@
 """N worlds under one trade-off as an rsl_rl VecEnv, in tensors on the device."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..envs import Environment
 from ..envs.errors import require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium import GymnasiumVectorEnv
@@ -35,7 +35,7 @@ class RslRlVecEnv(VecEnv):
     of these episodes per objective.
 
     `cfg` holds the arguments of the environment, for rsl_rl to log. `step_dt` is the length of a
-    control step in seconds (1 if the task has no robot), by which rsl_rl's RND scales its weight.
+    control step in seconds (1 if it is unknown), by which rsl_rl's RND scales its weight.
 
     Args:
         task, tradeoff, num_envs, backend, task_options: as for `GymnasiumVectorEnv`.
@@ -61,7 +61,7 @@ class RslRlVecEnv(VecEnv):
         self.num_envs, self.num_actions = num_envs, worlds.action_size
         self.device, self.max_episode_length = worlds.device, worlds.episode_length
         self.cfg = Arguments(task=task, tradeoff=list(tradeoff), num_envs=num_envs, **task_options)
-        self.step_dt = worlds.dt if isinstance(worlds, Environment) else 1.0
+        self.step_dt = worlds.dt if math.isfinite(worlds.dt) else 1.0
         self._observation, _ = self._statistics.reset(seed=seed)
 
     @property

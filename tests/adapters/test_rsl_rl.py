@@ -5,7 +5,10 @@ from typing import Any
 
 import pytest
 import torch
+from closed_form import OneStep
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from morlax_torch import envs
 
 pytestmark = [
     pytest.mark.usefixtures("single_thread"),
@@ -60,3 +63,12 @@ def test_episodes_can_start_at_any_step_and_log_writers_get_the_arguments():
     assert env.episode_length_buf.tolist() == [0, 3, 6, 8]
     env.episode_length_buf[1:3] = 8  # as in Isaac Lab, also in place
     assert env.step(torch.zeros(4, 6))[2].tolist() == [0, 1, 1, 1]
+
+
+def test_any_worlds_tell_curiosity_their_control_step():
+    class Quick(OneStep):
+        dt = 0.5  # s
+
+    envs.register("quick", Quick)
+    envs.register("untimed", OneStep)
+    assert [worlds(task).step_dt for task in ("quick", "untimed", "walker")] == [0.5, 1.0, 0.01]
