@@ -86,8 +86,7 @@ def train(options: Options) -> tuple[Tensor, Tensor]:
     distribution = {"distribution_class": TanhNormal, "return_log_prob": True}
     actor = ProbabilisticActor(networks, ["loc", "scale"], **distribution).to(env.device)
     critic = TensorDictModule(Generated(m, O, m), inputs, ["state_value"]).to(env.device)
-    # no vmap: a hypernetwork checks the values of its trade-offs
-    estimate = GAE(gamma=0.97, lmbda=0.95, value_network=critic, deactivate_vmap=True)
+    estimate = GAE(gamma=0.97, lmbda=0.95, value_network=critic)
     loss = ClipPPOLoss(actor, critic, entropy_bonus=False, normalize_advantage=True)
     optimizer = torch.optim.Adam(loss.parameters(), lr=1e-3)
 

@@ -111,6 +111,16 @@ def test_tradeoffs_are_normalized_to_sum_to_one():
         torch.testing.assert_close(value, family(factors * TRADEOFFS.double())[name])  # of numpy
 
 
+def test_torch_func_maps_over_tradeoffs():
+    family, x = family_of(TARGETS["mlp"][0]()), torch.ones(B, 3)
+
+    def run(tradeoff: Tensor) -> Tensor:
+        return family.run_one({n: rows[0] for n, rows in family(tradeoff[None]).items()}, x)
+
+    outputs = family.run(family(TRADEOFFS), x.expand(K, B, 3))
+    torch.testing.assert_close(torch.vmap(run)(TRADEOFFS), outputs)
+
+
 def test_specialize_returns_a_plain_module_for_one_tradeoff(target, inputs):
     family = family_of(target)
     outputs = family.run(family(TRADEOFFS), *inputs)
