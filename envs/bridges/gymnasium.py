@@ -156,7 +156,7 @@ class GymnasiumWorlds(ForeignWorlds):
             controls = controls.round()
         controls = controls.clip(self.box.low, self.box.high).astype(self.box.dtype)
         rewards = np.zeros((self.num_worlds, len(self.reward_terms)))
-        failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool)
+        failed, timed_out = torch.zeros(2, self.num_worlds, dtype=torch.bool, device="cpu")
         running = ~self._over.any(0) & action.isfinite().all(1)
         label = "step() -> (observation, reward, terminated, truncated, info)"
         for world in running.nonzero().squeeze(1).tolist():

@@ -236,7 +236,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
         if numbers.shape != self.action_space.shape or not np.isfinite(numbers).all():
             size = self.worlds.action_size
             raise MorlaxError(f"an action is of {size} finite numbers, not {shortened(action)}.")
-        step = self.worlds.step(torch.tensor(numbers)[None])
+        step = self.worlds.step(torch.tensor(numbers, device="cpu")[None])
         reward, info = step.reward[0].numpy(), {}
         if self._weights is not None:
             info["vector_reward"] = reward

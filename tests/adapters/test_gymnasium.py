@@ -86,6 +86,14 @@ def test_the_reward_is_a_vector_and_with_a_tradeoff_a_scalar():
     np.testing.assert_array_equal(info["vector_reward"], reward)
 
 
+def test_torch_s_defaults_change_nothing(dtypes):
+    env, rewards = gymnasium.make(HOPPER), []
+    for _ in dtypes:
+        env.reset()
+        rewards.append(env.step(np.zeros(4))[1])
+    np.testing.assert_array_equal(*rewards)
+
+
 def test_the_spec_gives_the_episode_length_without_a_second_time_limit():
     env, envs_ = gymnasium.make(HOPPER, episode_length=5), vector(episode_length=5)
     assert env is env.unwrapped and gymnasium.spec(HOPPER).max_episode_steps is None

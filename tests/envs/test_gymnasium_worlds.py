@@ -88,6 +88,16 @@ def test_observations_are_flattened_and_actions_rescaled():
     np.testing.assert_allclose(moved, [0.0, 0.25, 0.5], atol=1e-6)  # actions are clipped to the box
 
 
+def test_torch_s_defaults_change_nothing(dtypes):
+    worlds, action = point(), torch.ones(3, 1)
+    rewards = []
+    for _ in dtypes:
+        worlds.reseed(0)
+        worlds.reset()
+        rewards.append(worlds.step(action).reward)
+    assert torch.equal(*rewards)
+
+
 def test_seeds_of_an_evaluation_suit_environments_of_32_bits():
     seeds = []
 
