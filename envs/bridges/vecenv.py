@@ -35,7 +35,7 @@ def from_vecenv(
     extras, on its own device, and starts new episodes by itself. Observations are a tensor, or
     groups of which policies see "actor" or "policy" and critics also "critic". A done in
     `extras["time_outs"]` is truncated. What an episode ended with is not shown, so
-    `ppo.truncation` is mask.
+    `ppo.truncation` is mask, and other libraries see the next episode's first observation instead.
 
     Where a process can have only one environment, as in Isaac Lab, `make_env` returns the same one
     again. Training and evaluations then take turns in it: an evaluation uses its first worlds, and
