@@ -76,8 +76,8 @@ def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
         return robot(options, 1, torch.device("cpu"), seed, auto_reset=False)
     if not has_robot(name):
         raise MorlaxError(
-            f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported; it can be "
-            "trained and evaluated."
+            f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported, nor be one "
+            "world in gymnasium.make: train it, evaluate it, or use gymnasium.make_vec."
         )
     env = make(name, 1, "cpu", "mujoco", seed, auto_reset=False, **task_options)
     assert isinstance(env, Environment)

@@ -115,7 +115,8 @@ def load(path: Path) -> Contents:
     if number is None:
         raise MorlaxError(
             f"{path} is a checkpoint of rsl_rl that is no run: ParetoPPO writes one if its option "
-            "task names the task, of Gaussian policies that see one group of observations."
+            "task names the task, of Gaussian policies that see one group of observations and "
+            "learn their standard deviations."
         )
     if number != FORMAT:
         raise MorlaxError(

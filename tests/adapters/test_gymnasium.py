@@ -6,6 +6,7 @@ import re
 import warnings
 from unittest.mock import MagicMock
 
+import closed_form
 import gymnasium
 import numpy as np
 import pytest
@@ -280,6 +281,7 @@ def step(make, action):
 
 MISTAKES = {
     "did you mean 'rgb_array'": lambda: GymnasiumEnv("hopper", render_mode="rgb_aray"),
+    "use gymnasium.make_vec": lambda: GymnasiumEnv(f"{closed_form.__file__}:Quadratic"),
     "unknown backend 'bullet'": lambda: vector(backend="bullet"),
     "one trade-off is needed": lambda: vector(tradeoff=[(1.0, 0.0)] * 3),
     "not negative": lambda: gymnasium.make(HOPPER, tradeoff=(-1, 2)),
