@@ -19,6 +19,7 @@ FRONTS = "fronts"  # folder in that of a run
 Kept = dict[Path, tuple[float, float, float]]  # env_steps, train_seconds, hypervolume by file
 BEST = "best"  # column: 1 if the checkpoint of the evaluation became best.pt, else 0
 PROTOCOL = "protocol"  # column: how returns were counted, the only one that is text
+SERIES = "series"  # column: see `Progress`
 COUNTERS = ("iteration", "env_steps", "train_seconds")  # what every row needs, with a hypervolume
 
 
@@ -35,6 +36,7 @@ class Evaluation(NamedTuple):
     indicators: dict[str, float]  # by name
     selection: dict[str, float] | None = None  # of the episodes that choose; None: the same
     best: bool = False  # whether its checkpoint became best.pt
+    series: int = 0  # see `Progress`
 
     @property
     def hypervolume(self) -> float:
@@ -68,6 +70,7 @@ class Evaluation(NamedTuple):
             "blowups": self.blowups,
             BEST: int(self.best),
             PROTOCOL: self.front.protocol,
+            SERIES: self.series,
         }
 
 
@@ -86,6 +89,7 @@ class Progress(BaseModel):
     hypervolume: float = 0.0  # of the latest evaluation, as reported
     best_hypervolume: float = 0.0  # of best.pt, as reported
     best_selection: float | None = None  # on the episodes that choose; None: the next one is best
+    series: int = 0  # of evaluations that compare: a resume that evaluates otherwise begins another
     evaluated: bool = True  # whether metrics.csv has the row of the checkpoint
 
     def improved(self, selection: float, hypervolume: float) -> bool:
@@ -99,7 +103,7 @@ class Progress(BaseModel):
 
 
 class History(NamedTuple):
-    """Training curves with one value per evaluation by the last one's protocol, (E,)."""
+    """Training curves with one value per evaluation that compares with the last, (E,)."""
 
     env_steps: np.ndarray
     train_seconds: np.ndarray
@@ -125,9 +129,9 @@ def kept_fronts(run: Path) -> Kept:
 
 
 def comparable(rows: Sequence[dict[str, str]]) -> list[dict[str, str]]:
-    """Return the evaluations by the last one's protocol, which a resumed run may have changed."""
-    last = rows[-1].get(PROTOCOL)
-    return [row for row in rows if row.get(PROTOCOL) in ("", last)]  # "": of an earlier version
+    """Return the evaluations of the last one's series."""
+    numbers = [float(row.get(SERIES) or 0) for row in rows]  # none: of an earlier version
+    return [row for row, number in zip(rows, numbers, strict=True) if number == numbers[-1]]
 
 
 def read_rows(path: AnyPath) -> list[dict[str, str]]:

@@ -152,10 +152,11 @@ class Run:
             raise
         evaluation = learner.config.evaluation
         before = type(evaluation).model_validate(contents.config.get("evaluation", {}))
-        # other evaluations have other hypervolumes, so the record of the best one begins anew
+        # other evaluations have other hypervolumes, so curves and the record of the best begin anew
         anew = other_model or before.model_copy(update={"every": evaluation.every}) != evaluation
-        update = {"best_selection": None, "best_hypervolume": 0.0} if anew else {}
-        return contents.progress.model_copy(update=update)
+        progress = contents.progress
+        begun = {"best_selection": None, "best_hypervolume": 0.0, "series": progress.series + 1}
+        return progress.model_copy(update=begun if anew else {})
 
     def _acquire(self) -> None:
         with attempting(f"lock {self.folder}"):

@@ -40,7 +40,7 @@ MOST_WAITING = 12  # reports, evaluations, with a copy of the learner's state, a
 REPORT_EVERY, REPORT_SECONDS = 10, 1.0
 EVALUATION_SHARE = 0.08  # of the training loop's time, if evaluations are spaced by their cost
 SHORT = 10.0  # seconds of training, below which only trained policies are evaluated
-MEASURED = {"env_steps", "train_seconds", "total_seconds", "steps_per_second", "blowups"}
+MEASURED = {"env_steps", "train_seconds", "total_seconds", "steps_per_second", "blowups", "series"}
 HYPERVOLUMES = {"hypervolume", "best_hypervolume", "best_selection"}  # of `Progress`, as MEASURED
 
 Job = Callable[[], Evaluation | None]

@@ -258,6 +258,13 @@ def test_the_record_goes_on_if_evaluations_stay_comparable(run):
     assert checkpoint.load(run / "checkpoints/best.pt").progress == before
 
 
+def test_curves_hold_no_hypervolumes_of_other_trade_offs(run):
+    rows = len(csv_rows(run / "metrics.csv"))
+    resumed(run, **{"evaluation.tradeoffs": 3})
+    later = [float(row["hypervolume"]) for row in csv_rows(run / "metrics.csv")[rows:]]
+    assert History.load(run / "metrics.csv").hypervolume.tolist() == later
+
+
 def test_both_hypervolume_columns_stay_readable(run):
     """A resumed run with more trade-offs may be measured approximately from then on."""
     table = csv_rows(run / "metrics.csv")

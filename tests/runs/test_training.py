@@ -104,7 +104,7 @@ def test_a_run_folder_holds_metrics_front_and_checkpoints(tmp_path):
     assert set(rows[0]) == {
         *("iteration", "env_steps", "train_seconds", "total_seconds", "steps_per_second"),
         *("hypervolume", "sparsity", "expected_utility", "cardinality", "obedience"),
-        *("fall_rate", "blowup_rate", "blowups", "best", "protocol"),
+        *("fall_rate", "blowup_rate", "blowups", "best", "protocol", "series"),
     }
     front = Front.load(run.folder / "front.npz")
     assert front.objectives == ("run", "jump")
