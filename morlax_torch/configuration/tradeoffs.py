@@ -137,10 +137,8 @@ def checked_tradeoff(
         raise MorlaxError(f"a trade-off consists of real numbers, not {tradeoff!r}.")
     tradeoff, m = numbers.to(device, torch.float32), len(objectives)
     if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
-        raise MorlaxError(
-            f"a trade-off needs {m} numbers ({', '.join(objectives)}), but the shape "
-            f"is {tuple(tradeoff.shape)}."
-        )
+        many = tradeoff.shape[-1] if tradeoff.ndim in (1, 2) else f"shape {tuple(tradeoff.shape)}"
+        raise MorlaxError(f"a trade-off needs {m} numbers ({', '.join(objectives)}), not {many}.")
     if not (tradeoff.isfinite() & (tradeoff >= 0)).all() or not (tradeoff.sum(-1) > 0).all():
         raise MorlaxError(
             "a trade-off must be finite, not negative, and not zero in every objective."
@@ -164,6 +162,6 @@ def parse_tradeoff(text: str, objectives: Sequence[str]) -> tuple[float, ...]:
         tradeoff = tuple(float(number) for number in text.split(","))
     except ValueError:
         even = ",".join(f"{1 / len(objectives):.2g}" for _ in objectives)
-        raise MorlaxError(f"the trade-off {text!r} does not consist of numbers: {even}.") from None
+        raise MorlaxError(f"the trade-off {text!r} must be numbers, such as {even}.") from None
     one_tradeoff(tradeoff, objectives, torch.device("cpu"))
     return tradeoff

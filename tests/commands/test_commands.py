@@ -183,7 +183,7 @@ def test_trade_offs_are_counted_before_a_task_is_imported(module, workplace, ref
     contents = torch.load(file)
     contents["config"]["env"] = "mjlab:missing_module:Task"
     torch.save(contents, file)
-    words = "needs 2 numbers (run, jump), but the shape is (3,)"
+    words = "needs 2 numbers (run, jump), not 3."
     assert words in refused(module, file, "--tradeoff", "0.5,0.5,1")
 
 

@@ -167,7 +167,7 @@ def test_a_fallen_robot_freezes_while_the_other_continues(make_policy):
 
 MISTAKES = {
     "nowhere": "nowhere does not exist",
-    "policy.pt --tradeoff fast": "does not consist of numbers: 0.5,0.5",
+    "policy.pt --tradeoff fast": "must be numbers, such as 0.5,0.5",
     "policy.pt --tradeoff 0,0": "not zero in every objective",
     "policy.pt --seconds 0": "at least one control step (0.01 s)",
     "policy.pt --seconds 1e8": "at most 3600 s, not 1e+08 s",
