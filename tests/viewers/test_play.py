@@ -284,6 +284,9 @@ def test_mistakes_are_one_sentence(cart, refused, make_run, tmp_path):
         (folder / "deploy.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
         assert sentence in refused(play, folder, "--episodes", "1", "--seconds", "0.1")
     (folder / "deploy.yaml").write_text(text)
+    (folder / "other.onnx").write_bytes(onnx_file(12, 3))
+    words = folder / "other.onnx", "--episodes", "1", "--seconds", "0.1"
+    assert "cannot run" in refused(play, *words)
     (folder / "robot.zip").write_bytes(b"no zip")
     assert "cannot load the model" in refused(play, folder)
 

@@ -62,6 +62,7 @@ class Policy:
         with attempting(f"load {deployment.policy}", Exception):
             self._session = onnxruntime.InferenceSession(content, options)
         self.objectives = tuple(deployment.settings.objectives)
+        self._actions = len(deployment.settings.driven)
         self.slides = "tradeoff" in {value.name for value in self._session.get_inputs()}
         if (schedule := deployment.tradeoff) and not self.slides:
             raise MorlaxError(f"{deployment.policy} has a fixed trade-off: leave --tradeoff out.")
@@ -88,7 +89,7 @@ class Policy:
             inputs["tradeoff"] = self.tradeoff.astype(np.float32)
         with attempting(f"run {self._file} by the {SETTINGS} beside it", Exception):
             (actions,) = self._session.run(["action"], inputs)
-        return np.asarray(actions, float)[0]
+            return np.asarray(actions, float).reshape(self._actions)
 
     def drive(self, robot: Robot, command: Array) -> bool:
         """Take a control step, and return whether the robot fell; it starts again at an end."""
