@@ -179,9 +179,7 @@ class Chooser:
         evaluator = Evaluator(agent, env, points, protocol, self._seed ^ 1, seeds, alone=True)
         evaluator.compile()
         finalists, values = np.empty(0, dtype=int), np.empty((0, len(required.names)))
-        # the best were lucky, and so are their neighbors: also try others, up to the last
-        ranks = np.geomspace(1, len(ranked), MOST_GROUPS * (FINALISTS - 1)).round().astype(int)
-        ranked = ranked[np.unique(ranks) - 1]
+        ranked = ranked[spread(len(ranked), MOST_GROUPS * (FINALISTS - 1))]
         for first in range(0, len(ranked), FINALISTS - 1):
             group = np.append(ranked[first : first + FINALISTS - 1], free)
             again = self._simulate(evaluator, candidates.tradeoffs[group])
@@ -202,6 +200,14 @@ class Chooser:
     def _remember(self, tradeoffs: np.ndarray, front: Front) -> None:
         rows = zip(map(tuple, tradeoffs.tolist()), front.falls.tolist(), strict=False)
         self._falls |= dict(rows)
+
+
+def spread(number: int, most: int) -> np.ndarray:
+    """Return ranks to simulate again: the best were lucky, and so are their neighbors.
+
+    From 0, the best, they are ever further apart up to the last, at most `most` of a `number`.
+    """
+    return np.unique(np.geomspace(1, number, most).round().astype(int)) - 1
 
 
 class Candidates:

@@ -12,7 +12,7 @@ from ..evaluation.front import Front
 from ..evaluation.requirements import Requirements, index_of
 from ..host.phases import within
 from ..networks.policy import Policy
-from ..runs.choosing import RANDOM_MARGIN, rounded, simulator
+from ..runs.choosing import RANDOM_MARGIN, rounded, simulator, spread
 from .evolution import evolve
 
 POPULATION = 64  # trade-offs over time that are simulated together
@@ -100,7 +100,9 @@ class Scheduler:
         if self._random:
             self._open(FINALISTS, self._evaluator.env.num_worlds // FINALISTS, self._seed ^ 1)
             for name, each in best.items():
-                best[name] = self._ranked(self._simulate(each.weights[:FINALISTS]))
+                kept = max(int(self.required.kept(each.values).sum()), FINALISTS)
+                ranks = spread(min(kept, len(each.weights)), FINALISTS)
+                best[name] = self._ranked(self._simulate(each.weights[ranks]))
             best["over time"] = self._ranked(Simulated.joined([*best.values()]))
         best = {name: each.rows(slice(1)) for name, each in best.items()}
         weights, (values,), _ = best["over time"]

@@ -108,6 +108,21 @@ def test_no_other_finalist_of_a_random_task_is_better(monkeypatch):
     assert values["over time"] == max(values.values())
 
 
+def test_a_requirement_is_kept_even_if_all_of_the_best_were_lucky(monkeypatch):
+    policy = load("cheetah", "cpu")
+    policy.config = policy.config.with_task(episode_length=30, reset_noise=1.0)
+    scheduler = schedules.Scheduler(policy, {"run": 0.5}, "energy", {}, seeds=2)
+    searching = scheduler._evaluator
+
+    def simulate(scheduler, weights: np.ndarray) -> schedules.Simulated:
+        run, luck = weights[:, :, 0].mean(1), 0.3 * (scheduler._evaluator is searching)
+        return schedules.Simulated(weights, np.stack([run + luck, 1 - run], 1), 0 * run)
+
+    monkeypatch.setattr(schedules.Scheduler, "_simulate", simulate)
+    _, best = scheduler.search(load_front("cheetah"))
+    assert 0.5 <= best["over time"].values[0, 0] < 0.8
+
+
 def test_a_search_takes_any_seed_that_worlds_take():
     def score(drawn: np.ndarray) -> np.ndarray:
         assert len(drawn) == 4
