@@ -1,5 +1,6 @@
 """Find runs; load, save, evaluate, pack and start from their policies; fronts and bookmarks."""
 
+import math
 import shlex
 import time
 from collections.abc import Sequence
@@ -311,14 +312,18 @@ def rename_bookmark(run: AnyPath, name: str, new: str) -> None:
 
 
 def bookmarks(run: AnyPath) -> dict[str, list[float]]:
-    """Return the trade-offs of a run by name, or raise MorlaxError if their file is damaged."""
+    """Return the trade-offs of a run by name, whose weights sum to one.
+
+    Raises MorlaxError if their file, which people can edit, is damaged.
+    """
     file = find_run(run) / BOOKMARKS
     if not file.is_file():
         return {}
     try:
         values = yaml.safe_load(read(file, "bookmarks"))
-        return {str(name): [float(weight) for weight in w] for name, w in values.items()}
-    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+        rows = {str(name): [*map(float, weights)] for name, weights in values.items()}
+        return {name: [weight / math.fsum(row) for weight in row] for name, row in rows.items()}
+    except (yaml.YAMLError, AttributeError, ArithmeticError, TypeError, ValueError):
         raise MorlaxError(
             f"{file} is damaged: each of its lines is a name and weights, such as calm: [0.2, 0.8]."
         ) from None

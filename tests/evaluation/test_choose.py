@@ -482,10 +482,11 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
         loading.rename_bookmark(run, "calm one", "fast")
     with pytest.raises(MorlaxError, match="there is a bookmark fast already: delete it first"):
         bookmark(run, "fast", (0.0, 1.0), replaces=False)
-    assert loading.bookmarks(run) == {"calm one": [0.25, 0.75], "fast": [3.0, 1.0]}
-    file.write_text("fast: [a]")
-    with pytest.raises(MorlaxError, match="is damaged"):
-        tradeoff_of("@fast", run)
+    assert loading.bookmarks(run) == {"calm one": [0.25, 0.75], "fast": [0.75, 0.25]}
+    for damage in ("fast: [a]", "fast: [0, 0]"):
+        file.write_text(damage)
+        with pytest.raises(MorlaxError, match="is damaged"):
+            tradeoff_of("@fast", run)
 
 
 def test_the_command_writes_a_bookmark_and_a_decision_card(
