@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..envs.worlds.mujoco_robot import Robot
 from ..envs.worlds.trees import horizontal
 from ..evaluation import pareto
-from ..evaluation.evaluator import DISCOUNT
+from ..evaluation.evaluator import DISCOUNT, HORIZON
 from ..evaluation.front import Front
 from .camera import shown_geoms
 
@@ -68,7 +68,8 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
     """
     m, seconds = len(front.objectives), env.dt * env.episode_length
     if front.protocol == "discounted":  # sum of the steps' weights
-        seconds = env.dt * (1 - DISCOUNT**env.episode_length) / (1 - DISCOUNT)
+        steps = min(HORIZON, env.episode_length)
+        seconds = env.dt * (1 - DISCOUNT**steps) / (1 - DISCOUNT)
     finite = np.flatnonzero(np.isfinite(front.values).all(0))
     physical = finite[finite >= m]
     names = (*front.objectives, *front.quantity_names)

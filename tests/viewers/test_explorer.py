@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable
 from queue import Queue
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -326,9 +327,11 @@ def test_the_map_has_returns_and_physical_quantities(make_front, tmp_path):
     assert sent["fails"] == [False, False, False, True] and sent["falls"] == [0, 0.25, 0, 1]
 
 
-def test_the_map_of_discounted_returns_counts_seconds_as_they_do(make_front):
-    sent = front_map(make_front(("run", "energy"))._replace(protocol="discounted"), Task())
-    assert sent["seconds"] == pytest.approx(0.05 * sum(0.99**t for t in range(200)))
+@pytest.mark.parametrize(("length", "counted"), [(200, 200), (1000, 500)])
+def test_the_map_of_discounted_returns_counts_seconds_as_they_do(length, counted, make_front):
+    task = SimpleNamespace(dt=0.05, episode_length=length, lower_is_better=())
+    sent = front_map(make_front(("run", "energy"))._replace(protocol="discounted"), task)
+    assert sent["seconds"] == pytest.approx(0.05 * sum(0.99**t for t in range(counted)))
 
 
 def test_twins_start_alike_and_stay_in_step():
