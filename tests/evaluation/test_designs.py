@@ -32,6 +32,7 @@ from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.training import Session
 from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer
+from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
 from morlax_torch.viewers.filming.recording import Film
@@ -418,7 +419,7 @@ def test_a_body_that_is_no_list_of_numbers_is_one_sentence(run, refused):
     assert "were trained with one body" in refused(record, "hopper", "--body", "thigh=0.4")
 
 
-def test_a_slider_changes_the_body_and_then_the_front(run):
+def test_a_slider_changes_the_body_and_then_the_front(run, monkeypatch):
     waiting = Queue[Any]()
     exhibit = RunExhibit(choose(str(run), None), waiting.put)
     session = exhibit.robots[0]
@@ -441,6 +442,22 @@ def test_a_slider_changes_the_body_and_then_the_front(run):
         assert session.front.returns == pytest.approx(expected)
     state = exhibit.state()
     assert state["front"]["checkpoint"] == "this body" and state["choosing"] is not None
+    exhibit.react({"act": "require", "index": 0, "level": -1e9})
+    exhibit.react({"act": "select", "robot": 0})
+    while (state := exhibit.state())["choosing"]["searching"]:
+        waiting.get(timeout=PATIENCE)()
+    assert list(state["choosing"]["levels"]) == ["0"]  # also of another robot with this body
+
+    cards = []
+    monkeypatch.setattr(library, "decision_card", lambda *told: cards.append(told) or "")
+    exhibit.react({"act": "press", "name": "card"})
+    while exhibit.state()["saving"]["busy"]:
+        waiting.get(timeout=PATIENCE)()
+    ((named, shown, _, commands),) = cards
+    assert morlax_torch.load(named).config.task.design == shown.config.task.design == design
+    assert named in commands[0]
+    exhibit.react({"act": "reshape", "index": 0, "value": 0.4})
+    assert exhibit.state()["choosing"] is None
 
 
 def test_a_front_of_a_former_body_is_not_shown(run):

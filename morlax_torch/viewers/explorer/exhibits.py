@@ -266,7 +266,8 @@ class RunExhibit:
                 work = partial(self._choice.export, steered.tradeoff, steered.reshaped)
                 self._save("Exporting the policy…", work)
             case {"name": "card"} if thresholds is not None and thresholds.choice is not None:
-                work = partial(self._choice.write_card, steered.player.policy, thresholds.choice)
+                policies = steered.player.policy, thresholds.choice, steered.reshaped
+                work = partial(self._choice.write_card, *policies)
                 self._save("Trying the policy under other conditions…", work)
             case {"name": "find" | "again"}:
                 if steered.front is None:
@@ -304,6 +305,8 @@ class RunExhibit:
     def _reshape(self, index: int, value: float) -> None:
         """Set one design parameter of all robots; it is clamped to its range."""
         self._asking = None
+        if self._chosen is not None:
+            self._chosen.stop()
         policy, design = self._steered.player.policy, self._steered.design
         parameters = policy.agent.designs
         _, low, high, _ = list(parameters.values())[index]
@@ -323,11 +326,11 @@ class RunExhibit:
     def _measured(self, policy: Policy, done: Future[Front]) -> None:
         """Show the front of a body, or go on with another one that the robots have by now."""
         self._measuring = False
-        front = done.result()
+        front = done.result()._replace(checkpoint="this body")
         if self._steered.player.policy is policy:
             self._stale = False
             for session in self._sessions:
-                session.front = front._replace(checkpoint="this body")
+                session.front = front
         elif self._stale:
             self._measure()
 

@@ -72,24 +72,28 @@ class Choice(NamedTuple):
 
     def export(self, tradeoff: Sequence[float], body: Policy | None = None) -> list[Path]:
         """Write a trade-off's policy as ONNX, of another `body` if any; return the files."""
-        run = self.argument
-        if body is not None:
-            run = str(self.folder / BODY)
-            loading.save(body, run)
+        run = self._named(body)
         # another process, because torch.export replaces functions that the robots' networks run
         ignore = signal.signal, (signal.SIGINT, signal.SIG_IGN)
         with ProcessPoolExecutor(1, get_context("spawn"), *ignore) as pool:
             arguments = named_task(self.folder), run, self.folder / POLICY, tradeoff
             return pool.submit(_export, *arguments).result()
 
-    def write_card(self, policy: Policy, choice: Chosen) -> list[Path]:
-        """Write the decision card of a trade-off of this checkpoint; return the file."""
-        run = shlex.quote(self.argument) + (" --trust" if runs_code(policy.config.env) else "")
+    def write_card(self, policy: Policy, choice: Chosen, body: Policy | None = None) -> list[Path]:
+        """Write the decision card of a trade-off, see `export`; return the file."""
+        named = self._named(body)
+        run = shlex.quote(named) + (" --trust" if runs_code(policy.config.env) else "")
         export = f"morlax export {run} --tradeoff {shown(choice.tradeoff)}"
         commands = [export, f"morlax explore {run}"]
-        card = decision_card(self.argument, policy, choice, commands)
-        write_file(self.folder / CARD, card)
+        write_file(self.folder / CARD, decision_card(named, policy, choice, commands))
         return [self.folder / CARD]
+
+    def _named(self, body: Policy | None) -> str:
+        """Return what names the policies of this checkpoint, or those of a `body`, written here."""
+        if body is None:
+            return self.argument
+        loading.save(body, self.folder / BODY)
+        return str(self.folder / BODY)
 
 
 def choose(run: str, checkpoint: str | None = None) -> Choice:
