@@ -19,7 +19,8 @@ class Player:
     Set `tradeoff` and `command` (C,), numbers for the task's `command_limits`, between steps.
     `data` holds the current state for a renderer, and the motor forces; write to `env.physics` to
     move the robot. `ghost` holds the state that the robot should have, if it follows a motion.
-    `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
+    `schedule` is that of the trade-off, if it has one. `returns` (m,) and `steps` count from the
+    last reset; reset if it is `over`.
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float] | Schedule, seed: int = 0):
@@ -38,7 +39,7 @@ class Player:
 
     @tradeoff.setter
     def tradeoff(self, tradeoff: Sequence[float] | Schedule) -> None:
-        self._schedule = tradeoff if isinstance(tradeoff, Schedule) else None
+        self.schedule = tradeoff if isinstance(tradeoff, Schedule) else None
         self._use(tradeoff.at(0.0).tolist() if isinstance(tradeoff, Schedule) else tradeoff)
 
     def _use(self, tradeoff: Sequence[float]) -> None:
@@ -55,8 +56,8 @@ class Player:
         """Take one control step of `env.dt` seconds."""
         if self.command:
             self.env.command[0] = torch.tensor(self.command, dtype=torch.float32)
-        if self._schedule is not None and self.steps % stride_of(self.env.episode_length) == 0:
-            self._use(self._schedule.at(self.steps * self.env.dt).tolist())
+        if self.schedule is not None and self.steps % stride_of(self.env.episode_length) == 0:
+            self._use(self.schedule.at(self.steps * self.env.dt).tolist())
         step = self.env.step(self._network(self.observation))
         self.observation = step.observation
         self.returns += step.reward[0]

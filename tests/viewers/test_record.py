@@ -15,6 +15,7 @@ from programs import python
 
 from morlax_torch import Front, MorlaxError, load, save
 from morlax_torch.commands import record
+from morlax_torch.configuration.schedules import Schedule
 from morlax_torch.runs.progress import kept_fronts
 from morlax_torch.viewers.filming import recording
 from morlax_torch.viewers.filming.growth import Growth
@@ -84,6 +85,13 @@ def test_a_png_suffix_writes_a_film_strip(saved, monkeypatch):
         first, *_, last = (row[:50, x : x + 95] for x in range(0, right, 95 + GAP))  # no times
         assert (first != last).mean() > 0.05
     assert (rows[0] != rows[1]).mean() > 0.05
+
+
+def test_a_strip_names_the_trade_off_of_each_row():
+    over_time = Schedule(np.array([0.0, 1.0]), np.eye(2))
+    film = Film(load("hopper"), [over_time, (3.0, 0.0), (0.996, 0.004)], 64, 64)
+    labels = [take.label() for take in film._takes]
+    assert labels == ["trade-off\nover time", "only run", "run 1.00\njump 0.00"]
 
 
 @pytest.mark.usefixtures("opengl")

@@ -250,9 +250,13 @@ class Take:
 
     def label(self) -> str:
         """Return a line for each weight, or "only NAME" if there is one."""
-        weights = [row[:2] for row in self._table()]
-        alone = [f"only {name}" for name, share in weights if share == "1.00"]
-        return "\n".join([*self._body(), *(alone or map(" ".join, weights))])
+        player, rows = self.player, self._table()
+        weights = [f"{name} {share}" for name, share, _ in rows]
+        if player.schedule is not None:
+            weights = ["trade-off", "over time"]
+        elif (used := player.tradeoff.nonzero()).numel() == 1:
+            weights = [f"only {rows[int(used)][0]}"]
+        return "\n".join([*self._body(), *weights])
 
 
 class Sweep(Film):
