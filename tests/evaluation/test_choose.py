@@ -461,6 +461,7 @@ def test_a_decision_card_counts_quantities(measured):
     wish = "As much run as possible, with at least 10 of fuel saved and at most 60 of power (W)"
     assert wish in page
     assert "<td>at most 60</td>" in page and "power (kW)" not in page
+    assert "<th>evaluated</th>" in page and "No trade-offs were simulated." in page  # of a front
     assert "The requirements are not kept with storm, gale." in page
     assert page.count("<td>yes</td>") == 1 and page.count("<td>no</td>") == 2
 
