@@ -433,7 +433,7 @@ def test_a_browser_finds_the_preferred_tradeoff(visit):
         a, b = view.tab.evaluate(STATED)
         view.press("A" if a[0] > b[0] else "B")  # this user likes speed
     view.until(lambda: view.text("question").endswith("so far: 9"), "no effect")
-    assert view.text("told").startswith("You preferred ") and "run" in view.text("told")
+    assert re.match(r"You preferred [AB]. A: run per second .*; B: run per", view.text("told"))
     assert re.search(r"\d+ % sure", view.text("evidence"))
     standing = view.tab.locator("#front circle:not(.out):not(.mark)").count()
     assert 0 < standing < len(front.returns) / 2  # what is still possible
@@ -605,7 +605,7 @@ def test_a_choice_says_margin_and_cost_and_that_a_fall_breaks_it(visit):
     kept, falls = run_in(visit(), CHOSEN, [0, 0.004])
     text = (
         "Best of 3 simulated policies: A saved per second 0.75 (0.25 above the limit), "
-        "b per second 1; costs 0.5 of b."
+        "b per second 1; costs 0.5 of b per second."
     )
     assert kept == [text, "found", "b"]  # what is required cannot be maximized
     broken = " It falls in <1 % of its episodes, which breaks every requirement."

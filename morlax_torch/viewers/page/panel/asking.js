@@ -2,7 +2,7 @@
 
 import { $, chip, isNews, short } from "../pictures.js";
 import { robotColor } from "../tradeoffs.js";
-import { inUnit, present, valuesOf } from "../values.js";
+import { inUnit, named, present, valuesOf } from "../values.js";
 
 const SIDES = ["A", "B"];
 
@@ -32,11 +32,11 @@ export class AskingPanel {
     if (!told) return "";
     const lines = told.policies.map((policy, side) => {
       const parts = valuesOf(about).map((value) => {
-        return `${value.name} ${short(inUnit(value, value.values[policy], about))}`;
+        return `${named(value)} ${short(inUnit(value, value.values[policy], about))}`;
       });
       return `${SIDES[side]}: ${parts.join(", ")}`;
     });
-    return `You preferred ${SIDES[told.preferred]}. Per ${present()}: ${lines.join("; ")}.`;
+    return `You preferred ${SIDES[told.preferred]}. ${lines.join("; ")}.`;
   }
 
   /** Say which policy the visitor seems to like, and how sure that is. */

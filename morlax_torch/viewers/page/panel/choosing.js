@@ -61,7 +61,7 @@ export class ChoosingPanel {
       return [`${named(number)} ${show(number, all[key])} (${show(number, spare)} ${lower ? "below" : "above"} the limit)`];
     });
     const most = this.numbers.find(({ index }) => index === maximized);
-    const cost = found.cost > 0 ? `; costs ${show(most, found.cost)} of ${most.name}` : "";
+    const cost = found.cost > 0 ? `; costs ${show(most, found.cost)} of ${named(most)}` : "";
     const how = found.simulated ? `Best of ${found.simulated} simulated policies` : "Best evaluated policy";
     const falls = found.falls ? ` It falls in ${percent(found.falls)} of its episodes, which breaks every requirement.` : "";
     return `${how}: ${parts.join(", ")}${cost}.${falls}`;
