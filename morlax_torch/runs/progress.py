@@ -118,12 +118,14 @@ class History(NamedTuple):
 
 
 def kept_fronts(run: Path) -> Kept:
-    """Return the fronts that a run has kept, from the first evaluation to the newest."""
-    rows = comparable(read_rows(run / "metrics.csv")) if (run / FRONTS).is_dir() else ()
-    files = {run / FRONTS / f"{row['iteration']}.npz": row for row in rows}
+    """Return the fronts that a run has kept, in order: of its growth, best.pt and the newest."""
+    rows = comparable(read_rows(run / "metrics.csv")) if (run / FRONTS).is_dir() else []
+    files = [run / FRONTS / f"{row['iteration']}.npz" for row in rows]
+    if rows and not files[best := best_row(rows)].is_file():
+        files[best] = run / "front.npz"
     return {
         file: (float(row["env_steps"]), float(row["train_seconds"]), hypervolume_of(row))
-        for file, row in files.items()
+        for file, row in zip(files, rows, strict=True)
         if file.is_file()
     }
 

@@ -265,6 +265,14 @@ def test_curves_hold_no_hypervolumes_of_other_trade_offs(run):
     assert History.load(run / "metrics.csv").hypervolume.tolist() == later
 
 
+def test_the_growth_of_a_front_has_the_one_of_the_best_checkpoint(run):
+    """The page tells the hypervolume of the front that it shows."""
+    kept, best = kept_fronts(run), Front.load(run / "front.npz").fingerprint
+    next(file for file in kept if Front.load(file).fingerprint == best).unlink()
+    found = kept_fronts(run)
+    assert [*found.values()] == [*kept.values()] and run / "front.npz" in found
+
+
 def test_both_hypervolume_columns_stay_readable(run):
     """A resumed run with more trade-offs may be measured approximately from then on."""
     table = csv_rows(run / "metrics.csv")
