@@ -273,7 +273,8 @@ def times_figure(runs: Runs, targets: dict[str, float]) -> Figure:
 def fronts_figure(runs: Runs, folder: Path) -> Figure:
     """Draw the non-dominated returns of each method's median run."""
     figure = Figure(figsize=(2.4 * len(runs), 2.8), layout="constrained")
-    for axes, (task, of_task) in zip(figure.subplots(1, len(runs)), runs.items(), strict=True):
+    plots = figure.subplots(1, len(runs), squeeze=False)[0]
+    for axes, (task, of_task) in zip(plots, runs.items(), strict=True):
         for number, method in enumerate(_methods(runs)):
             of_method = of_task.get(method, {})
             ranked = sorted(of_method, key=lambda seed: float(of_method[seed].best["hypervolume"]))

@@ -108,14 +108,14 @@ def test_methods_are_trained_until_all_have_rows(tmp_path, monkeypatch, capsys):
     before = output.read_text()
     compare.main(plan, output, device="cpu")
     assert output.read_text() == before and "0 of 6 runs to train" in capsys.readouterr().out
-    drawn = {"targets": ["hopper=1"], "figures": tmp_path, "objectives": [2]}
+    drawn = {"targets": ["hopper=1"], "figures": tmp_path, "fronts": tmp_path, "objectives": [2]}
     compare_report.main(output, ours="one", **drawn)
     text = capsys.readouterr().out
     counted = [row for row in rows if (row["method"], row["evaluation"]) == ("one", "noised")]
     middle = np.median([float(row["hypervolume"]) for row in counted])
     power = int(np.log10(middle) // 3) * 3
     assert f"| one | {middle / 10.0**power:#.3g}e{power} (" in text
-    for name in ("curves", "differences", "times", "objectives"):
+    for name in ("curves", "differences", "times", "overlaid", "objectives"):
         assert (tmp_path / f"{name}.png").stat().st_size > 5_000
 
 
