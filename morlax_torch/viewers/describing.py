@@ -66,10 +66,10 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
     returns. `measured` are the finite quantities, such as "power (W)"; their indices count the
     objectives first. `pair` are the axes to show first: quantities if there are two.
     """
-    m, seconds = len(front.objectives), env.dt * env.episode_length
+    # of evaluations; the robot that is shown may follow a whole motion
+    m, steps = len(front.objectives), env.options.episode_length
     if front.protocol == "discounted":  # sum of the steps' weights
-        steps = min(HORIZON, env.episode_length)
-        seconds = env.dt * (1 - DISCOUNT**steps) / (1 - DISCOUNT)
+        steps = (1 - DISCOUNT ** min(HORIZON, steps)) / (1 - DISCOUNT)
     finite = np.flatnonzero(np.isfinite(front.values).all(0))
     physical = finite[finite >= m]
     names = (*front.objectives, *front.quantity_names)
@@ -84,7 +84,7 @@ def front_map(front: Front, env: Robot) -> dict[str, Any]:
     return {
         "tradeoffs": front.tradeoffs.round(4).tolist(),
         "returns": front.returns.round(2).tolist(),
-        "seconds": seconds,
+        "seconds": env.dt * steps,
         "measured": [measured(int(i)) for i in physical],
         "best": front.non_dominated.tolist(),
         "fails": front.fails.tolist(),

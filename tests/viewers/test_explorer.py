@@ -298,9 +298,10 @@ def test_files_are_written_while_the_robots_go_on(tmp_path, monkeypatch, make_ru
 
 
 class Task:
-    """What a map takes from a task with episodes of 10 s."""
+    """What a map takes from a robot whose evaluations last 10 s, in a motion of 30 s."""
 
-    dt, episode_length, lower_is_better = 0.05, 200, ("power (W)",)
+    dt, episode_length, lower_is_better = 0.05, 600, ("power (W)",)
+    options = SimpleNamespace(episode_length=200)
 
 
 def test_the_map_has_returns_and_physical_quantities(make_front, tmp_path):
@@ -329,7 +330,8 @@ def test_the_map_has_returns_and_physical_quantities(make_front, tmp_path):
 
 @pytest.mark.parametrize(("length", "counted"), [(200, 200), (1000, 500)])
 def test_the_map_of_discounted_returns_counts_seconds_as_they_do(length, counted, make_front):
-    task = SimpleNamespace(dt=0.05, episode_length=length, lower_is_better=())
+    options = SimpleNamespace(episode_length=length)
+    task = SimpleNamespace(dt=0.05, options=options, lower_is_better=())
     sent = front_map(make_front(("run", "energy"))._replace(protocol="discounted"), task)
     assert sent["seconds"] == pytest.approx(0.05 * sum(0.99**t for t in range(counted)))
 
