@@ -58,6 +58,9 @@ def command(arguments: Sequence[str]) -> None:
         device = resolve_device(options.device)
         policy = load(options.run, device, trust=options.trust, env=options.env)
         designer = Designer(policy, options.seed)
+        if options.maximize is not None:  # mistakes are told before minutes of simulation
+            names = policy.objectives, designer.quantities
+            required = Requirements.of(*names, least, options.maximize, most)
         folder = options.output or (own_folder(options.run) or Path()) / "designs"
         make_folder(folder)
         grid = designer.grid(options.bodies, options.tradeoffs)
@@ -65,8 +68,6 @@ def command(arguments: Sequence[str]) -> None:
         best, volume = designer.best_body(grid, options.tradeoffs)
         verdict = [f"body with the largest hypervolume: {designer.body(best)}"]
         if options.maximize is not None:
-            names = policy.objectives, designer.quantities
-            required = Requirements.of(*names, least, options.maximize, most)
             ranked = required.ranked(simulated.tradeoffs, simulated.values, "simulated")
             row = int(ranked[0])
             best = simulated.designs[row]

@@ -59,7 +59,7 @@ class Designer:
                 "task with design parameters (docs/designs.md)."
             )
         self.policy, self.space, self._seed = policy, DesignSpace(policy.agent.designs), seed
-        self.quantities: tuple[str, ...] = ()
+        self.quantities = get(policy.config.env).quantities
         self.reference_point = np.zeros(len(policy.objectives))
 
     def simulate(self, designs: np.ndarray, tradeoffs: np.ndarray) -> Simulated:
@@ -84,7 +84,7 @@ class Designer:
         points, protocol = torch.from_numpy(conditions).float(), config.evaluation.protocol
         evaluator = Evaluator(self.policy.agent, env, points, protocol, self._seed, seeds)
         evaluator.compile()
-        self.quantities, self.reference_point = env.quantities, evaluator.reference_point
+        self.reference_point = evaluator.reference_point
         values = evaluator.evaluate().values.astype(float)
         values[~made[rows]] = np.nan
         return values

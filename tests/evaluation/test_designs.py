@@ -364,7 +364,9 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
     assert "body with the largest hypervolume: thigh" in capsys.readouterr().out
 
 
-def test_a_wrong_search_is_one_sentence(run, refused):
+def test_a_wrong_search_is_one_sentence_before_it_begins(run, refused, monkeypatch):
+    monkeypatch.setattr(Designer, "simulate", None)
+    assert "did you mean 'jump'" in refused(searching, str(run), "--maximize", "jmp")
     assert "name what to maximize" in refused(searching, str(run), "--at-least", "run=1")
     assert "were trained with one body" in refused(searching, "hopper")
 
