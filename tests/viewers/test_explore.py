@@ -183,6 +183,11 @@ def test_a_browser_steers_the_robot(visit):
     view.until(lambda: view.tab.evaluate("self.copied") == "0.75, 0.25, 0", "nonsense is copied")
     view.until(lambda: view.text("mistyped") == "", "a mistake is still told")
     assert view.value("run") == 0.75 and view.value("energy saved") == 0.25
+    view.tab.fill("#typed", "1, 2, 4")
+    view.until(lambda: view.value("run") < 0.2, "typing has no effect")
+    view.press("copy")  # exactly, as another policy may not keep what is required
+    exact = "0.14286, 0.28571, 0.57143"
+    view.until(lambda: view.tab.evaluate("self.copied") == exact, "another one is copied")
 
     # the front: a click picks a policy, and its mark moves there
     view.tab.select_option("#axes select >> nth=0", label="run")

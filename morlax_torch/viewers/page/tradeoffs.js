@@ -36,8 +36,8 @@ export function parsed(text, m) {
   return valid && Number.isFinite(total) ? numbers.map((x) => x / total) : null;
 }
 
-/** Format a trade-off for `parsed`. */
-export const shown = (weights) => weights.map((w) => Number(w.toFixed(3))).join(",");
+/** Format a trade-off for `parsed`; with five digits, policies that were chosen stay the same. */
+export const shown = (weights, digits = 5) => weights.map((w) => Number(w.toFixed(digits))).join(",");
 
 /** Say a trade-off in a few words: its largest weights. */
 export function summary(weights, titles) {

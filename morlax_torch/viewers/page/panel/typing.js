@@ -91,11 +91,11 @@ export class TypedWeights {
   }
 
   async #copy() {
-    const text = ($("typed").value = spaced(this.engine.steered.tradeoff));
+    const text = ($("typed").value = spaced(this.engine.steered.tradeoff, 5));
     await navigator.clipboard.writeText(text);
     $("copy").textContent = "copied";
     setTimeout(() => ($("copy").textContent = "copy"), TOLD);
   }
 }
 
-const spaced = (weights) => shown(weights).replaceAll(",", ", ");
+const spaced = (weights, digits = 3) => shown(weights, digits).replaceAll(",", ", ");
