@@ -66,22 +66,24 @@ def command(arguments: Sequence[str]) -> None:
         grid = designer.grid(options.bodies, options.tradeoffs)
         simulated = grid.joined(designer.refine(grid, options.rounds, options.population))
         best, volume = designer.best_body(grid, options.tradeoffs)
-        verdict = [f"body with the largest hypervolume: {designer.body(best)}"]
-        if options.maximize is not None:
-            ranked = required.ranked(simulated.tradeoffs, simulated.values, "simulated")
-            row = int(ranked[0])
-            best = simulated.designs[row]
-            weights, reached = shown(simulated.tradeoffs[row]), designer.reached(simulated, row)
-            verdict = [f"body: {designer.body(best)}", f"trade-off: {weights} ({reached})"]
     default = grid.rows(slice(options.tradeoffs))
     without = grid.missing // options.tradeoffs
     missing = f"; {without} bodies could not start" if without else ""
     cli.console.print(f"{len(simulated.values):,} policies were simulated{missing}")
     table = Table("front", "hypervolume", "policies", "bodies", box=None)
-    for row in designer.compared(default, grid, simulated, volume):
-        table.add_row(*row)
-    for part in (table, *designer.extremes(simulated), *verdict):
+    for cells in designer.compared(default, grid, simulated, volume):
+        table.add_row(*cells)
+    for part in (table, *designer.extremes(simulated)):
         cli.console.print(part)
+    verdict = [f"body with the largest hypervolume: {designer.body(best)}"]
+    if options.maximize is not None:
+        ranked = required.ranked(simulated.tradeoffs, simulated.values, "simulated")
+        row = int(ranked[0])
+        best = simulated.designs[row]
+        weights, reached = shown(simulated.tradeoffs[row]), designer.reached(simulated, row)
+        verdict = [f"body: {designer.body(best)}", f"trade-off: {weights} ({reached})"]
+    for line in verdict:
+        cli.console.print(line)
     designer.write(folder, simulated, default, best)
     cli.console.print(f"written: {folder}: {', '.join(FILES)}", soft_wrap=True)
     trust = ["--trust"] * options.trust

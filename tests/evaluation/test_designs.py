@@ -362,6 +362,9 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
         np.testing.assert_allclose(getattr(model, name), getattr(exact, name), atol=1e-5)
     searching.command(words)
     assert "body with the largest hypervolume: thigh" in capsys.readouterr().out
+    with pytest.raises(MorlaxError, match="no simulated policy keeps every requirement"):
+        searching.command([*words, "--maximize", "jump", "--at-least", "run=1e6"])
+    assert "most run: run " in capsys.readouterr().out  # which would be possible
 
 
 def test_a_wrong_search_is_one_sentence_before_it_begins(run, refused, monkeypatch):
