@@ -169,10 +169,9 @@ class Designer:
         rows = ([f"{number:.6g}" for number in row] for row in np.hstack(front))
         write_rows(folder / "designs.csv", [heads, *rows])
         units = [f"{name} ({each.unit})" for name, each in parameters.items()]
-        usual = pareto.front(default.returns)
-        figure = figures.designs_figure(
-            policy.objectives, front.returns, front.designs, units, usual
-        )
+        usual, titles = pareto.front(default.returns), get(policy.config.env).titles
+        names = [titles.get(name, name) for name in policy.objectives]
+        figure = figures.designs_figure(names, front.returns, front.designs, units, usual)
         figures.save(figure, folder / "designs")
         design = self.space.named(best)
         spec, _ = compiled(get(policy.config.env), design)

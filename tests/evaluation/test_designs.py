@@ -27,6 +27,7 @@ from morlax_torch.envs.physics.warp import WarpPhysics
 from morlax_torch.envs.robots.designed import DesignedHopper
 from morlax_torch.envs.worlds import design_space
 from morlax_torch.envs.worlds.design_space import DesignParameter, DesignSpace, compile_bank
+from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.evaluator import Evaluator, held_out, make_evaluator
 from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.training import Session
@@ -345,12 +346,16 @@ def test_refining_looks_where_the_front_is(run):
     assert best.tolist() == grid.designs[4 * int(np.argmax(volumes))].tolist()
 
 
-def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys):
+def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(DesignedHopper, "titles", {"jump": "leaps"})
+    draw, labels = figures.designs_figure, []
+    monkeypatch.setattr(figures, "designs_figure", lambda *x: labels.extend(x[0]) or draw(*x))
     options = ["--bodies", "6", "--tradeoffs", "4", "--rounds", "1", "--population", "8"]
     words = [str(run), *options, "--output", str(tmp_path / "found"), "--device", "cpu"]
     searching.command([*words, "--maximize", "jump", "--at-least", "run=1"])
     text = capsys.readouterr().out
     assert "32 policies were simulated" in text and "most jump: " in text
+    assert labels == ["run", "leaps"]
     best = max(csv_rows(tmp_path / "found" / "designs.csv"), key=lambda row: float(row["jump"]))
     policy = morlax_torch.load(tmp_path / "found" / "body.pt")
     own = policy.config.task.design
