@@ -144,9 +144,15 @@ def iterations(folder: Path) -> int:
     return checkpoint.load(folder / "checkpoints" / "latest.pt").learner["iteration"]
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(
+    ("number", "status", "words", "evaluated"),
+    [
+        (signal.SIGINT, 130, ("--evaluation.every", "1280"), True),
+        (signal.SIGHUP, 129, ("--max-seconds", "9"), False),  # only at its end
+    ],
+)
 def test_a_signal_ends_training_cleanly_with_a_checkpoint(
-    number, status, workplace, monkeypatch, capsys
+    number, status, words, evaluated, workplace, monkeypatch, capsys
 ):
     iterate = MORLAX.iterate
 
@@ -160,13 +166,14 @@ def test_a_signal_ends_training_cleanly_with_a_checkpoint(
             os.kill(os.getpid(), number)
 
     monkeypatch.setattr(MORLAX, "iterate", interrupted)
-    typed = "--env", "hopper", *small.TYPED[:-2], "--evaluation.every", "1280", "--output", "run"
+    typed = "--env", "hopper", *small.TYPED[:-2], *words, "--output", "run"
     monkeypatch.setattr(sys, "argv", ["train", *typed])
     with pytest.raises(SystemExit) as exit:
         cli.run(train_command.command)
     assert exit.value.code == status and not is_training(Path("run"))
     output = " ".join(capsys.readouterr().out.split())
     assert "interrupted" in output and "train --resume run" in output
+    assert ("best hypervolume" in output) == evaluated
     assert iterations(workplace / "run") >= 3
 
 

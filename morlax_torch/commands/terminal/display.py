@@ -111,10 +111,12 @@ class Display(Live):
 
     def finished(self, interrupted: bool) -> None:
         progress = self._progress
+        evaluated = progress.best_selection is not None
+        best = f", best hypervolume {progress.best_hypervolume:.4e}" if evaluated else ""
         console.print(
             f"{'interrupted' if interrupted else 'done'}: {_count(self._learner.env_steps)} steps "
             f"in {progress.train_seconds:.1f} s of training ({progress.total_seconds:.1f} s in "
-            f"total), best hypervolume {progress.best_hypervolume:.4e}"
+            f"total){best}"
         )
         if self._unreached and not progress.best_hypervolume:
             console.print(f"{self._unreached}.")
