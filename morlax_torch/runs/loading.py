@@ -319,13 +319,17 @@ def bookmarks(run: AnyPath) -> dict[str, list[float]]:
     file = find_run(run) / BOOKMARKS
     if not file.is_file():
         return {}
+    names = _objectives_of(run)
     try:
         values = yaml.safe_load(read(file, "bookmarks"))
         rows = {str(name): [*map(float, weights)] for name, weights in values.items()}
+        if any(len(row) != len(names) or min(row) < 0 for row in rows.values()):
+            raise ValueError
         return {name: [weight / math.fsum(row) for weight in row] for name, row in rows.items()}
     except (yaml.YAMLError, AttributeError, ArithmeticError, TypeError, ValueError):
         raise MorlaxError(
-            f"{file} is damaged: each of its lines is a name and weights, such as calm: [0.2, 0.8]."
+            f"{file} is damaged: each of its lines is a name and weights of {', '.join(names)}, "
+            f"such as calm: {[round(1 / len(names), 2)] * len(names)}."
         ) from None
 
 
