@@ -105,17 +105,25 @@ class Table:
 
 @torch.no_grad()
 def expected_returns(
-    agent: Agent, conditions: Tensor, starts: Tensor, discount: float, episode_length: int
+    agent: Agent,
+    conditions: Tensor,
+    starts: Tensor,
+    failing: Tensor,
+    discount: float,
+    episode_length: int,
 ) -> Tensor:
     """Estimate the undiscounted returns (K, m) of whole episodes.
 
     A discounted value V of T steps with the same reward is (1 - gamma^T) / (1 - gamma) times that
     reward, and the undiscounted return is T times. So V, which the agent's critics estimate at the
     `starts` (K, S, O + P) of episodes under conditions (K, m + d), is scaled by the ratio of both.
+    Critics look beyond the time limit, which a share of gamma^T comes from if policies last so
+    long: (1 - f)^T of them do, of which shares f = `failing` (K,) of all steps fail.
     """
     value = agent.values(conditions)(agent.observation_normalizer(starts))
     value = agent.value_normalizer.inverse(value)
-    steps = float(episode_length)
-    if discount < 1:
-        steps = (1 - discount**episode_length) / (1 - discount)
-    return value.mean(1) * (episode_length / steps)
+    if discount == 1:  # the value beyond is infinite
+        return value.mean(1)
+    steps = (1 - discount**episode_length) / (1 - discount)
+    within = 1 - (discount * (1 - failing)) ** episode_length
+    return value.mean(1) * within[:, None] * (episode_length / steps)

@@ -110,8 +110,11 @@ class Trainer(Learner):
         """Return the weight (K, m) of each objective's advantage."""
         if not self.scalarization.uses_returns:
             return self.scalarization.weights(self.tradeoffs, self.tradeoffs)
-        ppo, length = self.config.ppo, self.env.episode_length
-        returns = expected_returns(self.agent, self.conditions, self._starts, ppo.discount, length)
+        failing = self.rollout.terminated.float().mean((0, 2))
+        discount, length = self.config.ppo.discount, self.env.episode_length
+        returns = expected_returns(
+            self.agent, self.conditions, self._starts, failing, discount, length
+        )
         self.scalarization.observe(self.tradeoffs, returns, self.group)
         weights = self.scalarization.weights(self.tradeoffs, returns)
         # only the direction counts, so that no trade-off learns faster than another

@@ -136,14 +136,17 @@ def test_the_range_takes_new_extremes_at_once_and_forgets_old_ones_slowly():
     assert_allclose(range_.nadir, [FORGETTING * 2, 1 + FORGETTING * 2])
 
 
-def test_expected_returns_are_undiscounted(make_agent):
-    agent = make_agent(3, 2)
-    starts, tradeoffs = torch.randn(2, 5, 3), torch.eye(2)
-    value = agent.values(tradeoffs)(agent.observation_normalizer(starts)).mean(1)
-    found = expected_returns(agent, tradeoffs, starts, 0.9, 3)
-    assert_allclose(found, value.detach() * 3 / (1 + 0.9 + 0.81), rtol=1e-6)
-    found = expected_returns(agent, tradeoffs, starts, 1.0, 3)
-    assert_allclose(found, value.detach(), rtol=1e-6)
+@pytest.mark.parametrize(("discount", "length"), [(0.9, 3), (0.99, 100), (1.0, 3)])
+def test_expected_returns_are_undiscounted_sums_up_to_the_time_limit(make_agent, discount, length):
+    agent, starts, tradeoffs = make_agent(3, 2), torch.randn(2, 5, 3), torch.eye(2)
+    value = agent.values(tradeoffs)(agent.observation_normalizer(starts)).mean(1).detach()
+    failing = torch.tensor([0.0, 1.0])  # the first policy lasts beyond the limit, the other never
+    found = expected_returns(agent, tradeoffs, starts, failing, discount, length)
+    if discount == 1:
+        return assert_allclose(found, value, rtol=1e-6)
+    for row, steps in ((0, 5000), (1, length)):  # that critics see: with 1 per step, they say
+        said = sum(discount**t for t in range(steps))
+        assert_allclose(found[row] / value[row] * said, length, rtol=1e-4)
 
 
 @pytest.mark.slow
