@@ -174,7 +174,7 @@ class Session:
         self._check(metrics, first, progress.blowups - blowups)
         metrics["env_steps_per_second"] = progress.steps_per_second
         scalars = {f"train/{name}": value for name, value in metrics.items()}
-        if learner.rates is not None:
+        if learner.rates is not None and not learner.config.task.guide:  # which fronts do not count
             scalars["front/hypervolume_estimate"] = self.evaluator.estimate(learner.rates)
         self.on_metrics(scalars, learner.env_steps)
         if self._output:

@@ -133,6 +133,14 @@ def test_the_hypervolume_is_estimated_from_rewards_and_failures():
     assert estimate((1, 3, 0), **discounted) == pytest.approx((weights + 100) * (3 * weights + 100))
 
 
+@pytest.mark.parametrize(("guide", "number"), [({}, 2), ({"alive": 5.0}, 0)])
+def test_rewards_that_fronts_do_not_count_estimate_no_hypervolume(guide, number, tmp_path):
+    seen = []
+    config = tiny(**LONG, **{"task.guide": guide})
+    train(config, output=tmp_path / "run", on_metrics=lambda scalars, steps: seen.extend(scalars))
+    assert seen.count("front/hypervolume_estimate") == number
+
+
 def test_an_episode_s_return_is_that_of_the_worlds_also_after_a_resume():
     config = tiny(horizon=4)  # episodes last 5 steps, and every fifth rollout ends with one
     made = learner(config)
