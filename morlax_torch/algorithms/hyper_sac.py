@@ -200,7 +200,7 @@ class HyperSAC(Learner):
         with one_thread(self.env.device):
             collect(self.env, self._choose(), self.observation, rollout, self.generator)
         self.replay.add(rollout)
-        self.agent.observation_normalizer.update(rollout.observation, group=self.group)
+        self.agent.observation_normalizer.update(rollout.observation, self._decay(), self.group)
         self._measure(rollout)
         self._count(rollout)
 

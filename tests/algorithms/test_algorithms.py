@@ -153,6 +153,17 @@ def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
     assert_close(torch.stack(farthest), torch.tensor([0.0, 0.375, 0.75, 0.75]))
 
 
+@pytest.mark.parametrize("algorithm", LEARNERS)
+def test_policies_stay_as_they_are_at_the_end_of_a_decay(algorithm):
+    learner = trained(tiny(algorithm=algorithm, decay_fraction=0.5), 1)
+    tradeoffs, seen = torch.eye(2), torch.randn(2, 5, learner.env.observation_size)
+    actions = []
+    for _ in range(3):
+        learner.iterate(1.0)
+        actions.append(learner.agent.actors(tradeoffs).act(seen))
+    assert torch.equal(actions[0], actions[2])
+
+
 @pytest.mark.parametrize("algorithm", ["morlax", "hyper-sac"])
 def test_alpha_moves_draws_to_the_corners_or_to_the_center(algorithm):
     farthest = []
