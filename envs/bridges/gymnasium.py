@@ -72,7 +72,7 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
         "make_one": staticmethod(make),
         "name": name,
         "box": actions,
-        "bounds": torch.from_numpy(np.stack([rewards.low, rewards.high]) * time),
+        "bounds": torch.from_numpy(np.stack([rewards.low, rewards.high])),
         "reward_terms": tuple(terms),
         "action_size": int(np.prod(actions.shape)),
         "observation_size": gymnasium.spaces.flatdim(seen),
@@ -102,7 +102,7 @@ class GymnasiumWorlds(ForeignWorlds):
 
     make_one: ClassVar[Callable[[], gymnasium.Env]]
     box: ClassVar[Box]  # of actions
-    bounds: ClassVar[Tensor]  # (2, terms) of an episode's rewards
+    bounds: ClassVar[Tensor]  # (2, terms) of rewards
     simulator = "gymnasium"
 
     @classmethod
@@ -134,7 +134,7 @@ class GymnasiumWorlds(ForeignWorlds):
         if self.options.reference_point is None:
             worst = (self.bounds[..., None] * self._weights).amin(0)  # (terms, m)
             worst = torch.where(worst.isfinite(), worst, 0.0).clamp(max=0.0)
-            self.reference_point = tuple(worst.sum(0).tolist())
+            self.reference_point = tuple((worst.sum(0) * self.episode_length).tolist())
 
     def _restart(self, which: Tensor, seen: Tensor) -> Tensor:
         for world in which.nonzero().squeeze(1).tolist():

@@ -71,8 +71,8 @@ def test_worlds_expose_objectives_spaces_and_limits():
     assert worlds.episode_length == 999
     assert worlds.reference_point == (-999.0, -999.0)  # the lowest reward on every step
     objectives = {"late": {"reward_0": -1.0}, "fuel": {"reward_0": 0.5, "reward_1": 2.0}}
-    regrouped = envs.make(CAR, 2, "cpu", objectives=objectives)
-    assert regrouped.reference_point == (0.0, -2.5 * 999)  # rewards are from -1 to 0
+    regrouped = envs.make(CAR, 2, "cpu", objectives=objectives, episode_length=50)
+    assert regrouped.reference_point == (0.0, -2.5 * 50)  # rewards are from -1 to 0
     assert (worlds.observation_size, worlds.action_size, len(worlds.objectives)) == (2, 1, 2)
     assert worlds.dt == math.inf
     assert envs.make("gymnasium:mo-hopper-v5", 1, "cpu").dt == pytest.approx(0.008)
@@ -310,7 +310,8 @@ def test_gymnasium_worlds_run_only_on_the_cpu():
 
 def test_a_run_is_trained_evaluated_loaded_and_resumed(tmp_path, capsys, refused):
     run = tmp_path / "run"
-    check_run(tiny(CAR, backend=None, **{"task.episode_length": 100}), run, capsys)
+    changes = {"task.episode_length": 100, "task.reference_point": (-101.0, -101.0)}
+    check_run(tiny(CAR, backend=None, **changes), run, capsys)
     assert all(float(row["hypervolume"]) > 0 for row in read_rows(run / "metrics.csv"))
     with pytest.raises(MorlaxError, match="has no MuJoCo robot"):
         Player(morlax_torch.load(run), (0.5, 0.5))
