@@ -57,7 +57,7 @@ class NetworkConfig(Section):
     critic: Layers = (64, 64)
     """Hidden layers of the generated critics."""
     initial_std: float = Field(default=math.log(2) + MIN_STD, gt=MIN_STD, le=100)
-    """Initial standard deviation of pre-tanh actions."""
+    """Initial standard deviation of pre-tanh actions, before network.max_std lowers it."""
     max_std: float | None = Field(default=None, gt=MIN_STD, le=100)
     """Smooth limit of the standard deviation (None: no limit). A small one keeps policies from
     gambling between two behaviors, which concave fronts reward."""
