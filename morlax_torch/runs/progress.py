@@ -121,7 +121,8 @@ def kept_fronts(run: Path) -> Kept:
     """Return the fronts that a run has kept, in order: of its growth, best.pt and the newest."""
     rows = comparable(read_rows(run / "metrics.csv")) if (run / FRONTS).is_dir() else []
     files = [run / FRONTS / f"{row['iteration']}.npz" for row in rows]
-    if rows and not files[best := best_row(rows)].is_file():
+    best = best_row(rows)
+    if rows and not files[best].is_file():
         files[best] = run / "front.npz"
     return {
         file: (float(row["env_steps"]), float(row["train_seconds"]), hypervolume_of(row))

@@ -100,8 +100,8 @@ class Scheduler:
         if self._random:
             self._open(FINALISTS, self._evaluator.env.num_worlds // FINALISTS, self._seed ^ 1)
             for name, each in best.items():
-                kept = max(int(self.required.kept(each.values).sum()), FINALISTS)
-                ranks = spread(min(kept, len(each.weights)), FINALISTS)
+                number = max(int(self.required.kept(each.values).sum()), FINALISTS)
+                ranks = spread(min(number, len(each.weights)), FINALISTS)
                 best[name] = self._ranked(self._simulate(each.weights[ranks]))
             best["over time"] = self._ranked(Simulated.joined([*best.values()]))
         best = {name: each.rows(slice(1)) for name, each in best.items()}

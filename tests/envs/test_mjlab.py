@@ -67,14 +67,14 @@ def narrow_ground(monkeypatch) -> None:
 @pytest.fixture(scope="module", autouse=True)
 def same_meshes() -> Iterator[None]:
     """Make the mesh of each height field once, instead of twice for each environment."""
-    bvh, known = import_module("mujoco_warp._src.bvh"), {}
+    bvh, meshes = import_module("mujoco_warp._src.bvh"), {}
     usual = bvh._optimize_hfield_mesh
 
     def mesh(heights: np.ndarray, *sizes: float) -> tuple[np.ndarray, np.ndarray]:
         key = heights.tobytes(), *sizes
-        if key not in known:
-            known[key] = usual(heights, *sizes)
-        return known[key]
+        if key not in meshes:
+            meshes[key] = usual(heights, *sizes)
+        return meshes[key]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bvh, "_optimize_hfield_mesh", mesh)

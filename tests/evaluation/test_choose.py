@@ -307,8 +307,8 @@ def test_a_requirement_is_kept_even_if_all_of_the_best_were_lucky(tmp_path, monk
         return np.stack([tradeoffs[:, 0] + luck, 1 - tradeoffs[:, 0]], 1)
 
     monkeypatch.setattr(Chooser, "_simulate", simulate)
-    found = chooser.choose({"left": 0.5}, "right")
-    assert 0.5 <= found.returns["left"] < 0.7
+    choice = chooser.choose({"left": 0.5}, "right")
+    assert 0.5 <= choice.returns["left"] < 0.7
 
 
 @pytest.mark.slow

@@ -269,8 +269,8 @@ def test_the_growth_of_a_front_has_the_one_of_the_best_checkpoint(run):
     """The page tells the hypervolume of the front that it shows."""
     kept, best = kept_fronts(run), Front.load(run / "front.npz").fingerprint
     next(file for file in kept if Front.load(file).fingerprint == best).unlink()
-    found = kept_fronts(run)
-    assert [*found.values()] == [*kept.values()] and run / "front.npz" in found
+    fronts = kept_fronts(run)
+    assert [*fronts.values()] == [*kept.values()] and run / "front.npz" in fronts
 
 
 def test_both_hypervolume_columns_stay_readable(run):

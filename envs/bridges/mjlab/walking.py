@@ -61,7 +61,8 @@ class Walking(Measures):
         """Return numbers of this step, (N, COLUMNS + joints), to take means of."""
         data, twist = self._robot.data, self._command.command
         wish, velocity, torque = twist[:, :2], data.root_link_lin_vel_b[:, :2], data.qfrc_actuator
-        error, turning = errors(twist, data)
+        error = (wish - velocity).norm(dim=1)
+        turning = (twist[:, 2] - data.root_link_ang_vel_b[:, 2]).abs()
         power = (torque * data.joint_vel).clamp(min=0).sum(1)
         speed, asked = velocity.norm(dim=1), wish.norm(dim=1)
         fast = (asked > SLOWEST) / asked.clamp(min=SLOWEST)
@@ -102,15 +103,6 @@ class Walking(Measures):
 def _per(total: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Return totals (K,) by counts (K,); NaN where nothing was counted."""
     return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
-
-
-def errors(command: Tensor, data: Any) -> tuple[Tensor, Tensor]:
-    """Return the errors (N,) of velocity, m/s, and turning, rad/s, of robots with this `data`.
-
-    `command` (N, 3) is the velocity ahead and to the left, m/s, and the rate of turning, rad/s.
-    """
-    velocity, turning = data.root_link_lin_vel_b[:, :2], data.root_link_ang_vel_b[:, 2]
-    return (command[:, :2] - velocity).norm(dim=1), (command[:, 2] - turning).abs()
 
 
 def _touches(cfg: Any) -> bool:

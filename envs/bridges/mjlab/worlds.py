@@ -222,7 +222,7 @@ class SharedDraws(TorchDispatchMode):
 
     def __init__(self, episodes: Tensor, number: int):
         super().__init__()
-        self.all, self.number = len(episodes), min(number, len(episodes))
+        self.rows, self.number = len(episodes), min(number, len(episodes))
         self.source = episodes % self.number
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
@@ -236,9 +236,9 @@ class SharedDraws(TorchDispatchMode):
 
     def _fewer(self, value: Any) -> Any:
         """Return the rows of N, or the shape of as many, to draw in their place."""
-        if isinstance(value, Tensor) and value.shape[:1] == (self.all,):
+        if isinstance(value, Tensor) and value.shape[:1] == (self.rows,):
             return value[: self.number]
-        if isinstance(value, list) and value[:1] == [self.all]:
+        if isinstance(value, list) and value[:1] == [self.rows]:
             return [self.number, *value[1:]]
         return value
 

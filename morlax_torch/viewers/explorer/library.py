@@ -72,7 +72,7 @@ class Choice(NamedTuple):
 
     def export(self, tradeoff: Sequence[float], body: Policy | None = None) -> list[Path]:
         """Write a trade-off's policy as ONNX, of another `body` if any; return the files."""
-        run = self._named(body)
+        run = self._saved(body)
         # another process, because torch.export replaces functions that the robots' networks run
         ignore = signal.signal, (signal.SIGINT, signal.SIG_IGN)
         with ProcessPoolExecutor(1, get_context("spawn"), *ignore) as pool:
@@ -81,15 +81,15 @@ class Choice(NamedTuple):
 
     def write_card(self, policy: Policy, choice: Chosen, body: Policy | None = None) -> list[Path]:
         """Write the decision card of a trade-off, see `export`; return the file."""
-        named = self._named(body)
-        run = shlex.quote(named) + (" --trust" if runs_code(policy.config.env) else "")
+        source = self._saved(body)
+        run = shlex.quote(source) + (" --trust" if runs_code(policy.config.env) else "")
         export = f"morlax export {run} --tradeoff {shown(choice.tradeoff)}"
         commands = [export, f"morlax explore {run}"]
-        write_file(self.folder / CARD, decision_card(named, policy, choice, commands))
+        write_file(self.folder / CARD, decision_card(source, policy, choice, commands))
         return [self.folder / CARD]
 
-    def _named(self, body: Policy | None) -> str:
-        """Return what names the policies of this checkpoint, or those of a `body`, written here."""
+    def _saved(self, body: Policy | None) -> str:
+        """Return the name of this checkpoint for commands, or save a `body` and return its file."""
         if body is None:
             return self.argument
         loading.save(body, self.folder / BODY)

@@ -236,10 +236,12 @@ class Robot:
         collides = (model.geom_contype | model.geom_conaffinity) > 0
         self._sliding = collides & (model.geom_condim > 1)
         self._rng = np.random.default_rng(seed)
-        self._substeps = round(self.dt / (physics := model.opt.timestep))
-        if not math.isclose(self._substeps * physics, self.dt, rel_tol=1e-5):  # seven digits
+        timestep = model.opt.timestep
+        self._substeps = round(self.dt / timestep)
+        # the numbers of an export are rounded
+        if not math.isclose(self._substeps * timestep, self.dt, rel_tol=1e-5):
             raise MorlaxError(
-                f"step_dt is {self.dt:g}: use a multiple of {physics:g}, the model's."
+                f"step_dt is {self.dt:g}: use a multiple of {timestep:g}, the model's time step."
             )
         self._terms = list(settings.observations.items())
         self._noise = np.array(settings.observation_noise) * self._disturbances.noise
