@@ -19,7 +19,6 @@ from morlax_torch.runs.progress import Progress
 
 WORLDS, HORIZON, CLUSTERS = 32, 4, 4
 ITERATIONS = 2
-HyperSACOptions.start = 1
 
 
 def config(algorithm: str, size: int) -> Config:
@@ -110,6 +109,7 @@ def refusal(group: Group) -> str:
 
 
 def main(folder: str, *algorithms: str) -> None:
+    HyperSACOptions.start = 1  # of this process: others import this module
     torch.distributed.init_process_group("gloo")  # as a user's program may have done
     _, group = join("cpu", "settings")
     assert join("cpu", "settings")[1] is group
