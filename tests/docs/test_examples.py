@@ -71,7 +71,7 @@ def test_morlax_in_one_file_measures_hypervolumes_as_the_package():
 @pytest.mark.slow
 def test_morlax_in_one_file_learns_and_draws_its_front(tmp_path, capsys, monkeypatch):
     example = imported("morlax")
-    options = example.Options(device="cpu", max_seconds=30.0, tradeoffs=32, worlds=64)
+    options = example.Options(device="cpu", max_seconds=20.0, tradeoffs=32, worlds=64)
     clock = SimpleNamespace(perf_counter=itertools.count().__next__)  # a second per iteration
     monkeypatch.setattr(example, "time", clock)
     morlax, returns = example.train(options)
@@ -84,13 +84,8 @@ def test_morlax_in_one_file_learns_and_draws_its_front(tmp_path, capsys, monkeyp
 @pytest.mark.slow
 def test_the_cleanrl_style_ppo_example_learns(capsys):
     example = imported("cleanrl_ppo")
-    settings = example.Settings(
-        env_id="morlax_torch/Hopper-v0",
-        device="cpu",
-        total_timesteps=40_000,
-        num_envs=64,
-        episode_length=100,
-    )
+    sizes = {"total_timesteps": 40_000, "num_envs": 64, "episode_length": 100}
+    settings = example.Settings(env_id="morlax_torch/Hopper-v0", device="cpu", **sizes)
     returns = example.train(settings)
     assert np.mean(returns[-3:]) > 2 * returns[0]
     assert "steps/s" in capsys.readouterr().out

@@ -350,7 +350,8 @@ def test_the_search_comes_close_to_a_dense_scan(three, monkeypatch):
         ),
     ],
 )
-def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize):
+def test_the_printed_policy_keeps_its_requirements(name, constraints, maximize, monkeypatch):
+    monkeypatch.setattr(choosing, "MOST_BATCHES", 4)
     found = choose(name, constraints, maximize, device="cpu")
     policy = load(name)
     text = ",".join(f"{weight:.6g}" for weight in found.tradeoff)
@@ -522,6 +523,7 @@ def test_the_command_writes_a_bookmark_and_a_decision_card(
 
 def test_trials_repeat_the_evaluation_and_vary_the_robot():
     policy = load("cheetah")
+    policy.config = policy.config.with_task(episode_length=200)
     tried = trials(policy, (0.5, 0.5))
     front = evaluate(policy, tradeoffs=3, device="cpu")
     usual = tried.pop(choosing.USUAL)

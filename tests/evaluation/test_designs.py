@@ -430,6 +430,7 @@ def test_a_body_that_is_no_list_of_numbers_is_one_sentence(run, refused):
 
 
 def test_a_slider_changes_the_body_and_then_the_front(run, monkeypatch):
+    monkeypatch.setattr("morlax_torch.runs.choosing.MOST_BATCHES", 1)
     waiting = Queue[Any]()
     exhibit = RunExhibit(choose(str(run), None), waiting.put)
     session = exhibit.robots[0]
