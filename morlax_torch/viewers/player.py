@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 
 import mujoco
+import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from ..configuration.schedules import Schedule
 from ..envs import TimeStep
@@ -19,32 +21,34 @@ class Player:
     Set `tradeoff` and `command` (C,), numbers for the task's `command_limits`, between steps.
     `data` holds the current state for a renderer, and the motor forces; write to `env.physics` to
     move the robot. `ghost` holds the state that the robot should have, if it follows a motion.
-    `schedule` is that of the trade-off, if it has one. `returns` (m,) and `steps` count from the
-    last reset; reset if it is `over`.
+    `schedule` is that of the trade-off, if it has one, which sets it while the robot `follows` it.
+    `returns` (m,) and `steps` count from the last reset; reset if it is `over`.
     """
 
     def __init__(self, policy: Policy, tradeoff: Sequence[float] | Schedule, seed: int = 0):
+        self.schedule = tradeoff if isinstance(tradeoff, Schedule) else None
+        self.follows = self.schedule is not None
+        self.open(policy, seed)
+        self.tradeoff = tradeoff.at(0.0) if isinstance(tradeoff, Schedule) else tradeoff
+
+    def open(self, policy: Policy, seed: int = 0) -> None:
+        """Start an episode of a policy's robot; a trade-off must follow."""
         self.policy, self.env = policy, policy.make_robot(seed)
         self.model = self.env.physics.model
         self.data = mujoco.MjData(self.model)
         self.ghost = None if self.env.ghost() is None else mujoco.MjData(self.model)
-        self.tradeoff = tradeoff
         self.command = self.env.command[0].tolist() if self.env.command_limits else []
         self.reset()
 
     @property
-    def tradeoff(self) -> torch.Tensor:
-        """(m,), not negative; it need not sum to one. A schedule sets it at every time."""
+    def tradeoff(self) -> tuple[float, ...]:
+        """(m,), not negative; it need not sum to one."""
         return self._tradeoff
 
     @tradeoff.setter
-    def tradeoff(self, tradeoff: Sequence[float] | Schedule) -> None:
-        self.schedule = tradeoff if isinstance(tradeoff, Schedule) else None
-        self._use(tradeoff.at(0.0).tolist() if isinstance(tradeoff, Schedule) else tradeoff)
-
-    def _use(self, tradeoff: Sequence[float]) -> None:
-        self._network = self.policy.specialize(tradeoff)
-        self._tradeoff = torch.as_tensor(tradeoff, dtype=torch.float32, device="cpu")
+    def tradeoff(self, tradeoff: ArrayLike) -> None:
+        weights = np.asarray(tradeoff, dtype=np.float64).tolist()
+        self._network, self._tradeoff = self.policy.specialize(weights), tuple(weights)
 
     def reset(self) -> None:
         self.observation = self.env.reset()
@@ -56,8 +60,9 @@ class Player:
         """Take one control step of `env.dt` seconds."""
         if self.command:
             self.env.command[0] = torch.tensor(self.command, dtype=torch.float32)
-        if self.schedule is not None and self.steps % stride_of(self.env.episode_length) == 0:
-            self._use(self.schedule.at(self.steps * self.env.dt).tolist())
+        schedule = self.schedule if self.follows else None
+        if schedule is not None and self.steps % stride_of(self.env.episode_length) == 0:
+            self.tradeoff = schedule.at(self.steps * self.env.dt)
         step = self.env.step(self._network(self.observation))
         self.observation = step.observation
         self.returns += step.reward[0]

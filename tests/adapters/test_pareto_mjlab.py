@@ -114,7 +114,7 @@ def test_a_checkpoint_of_a_tracking_twin_follows_its_motion(monkeypatch, tmp_pat
     run = run_train(monkeypatch, twin, tmp_path / "logs", **PARETO, **motion)
     policy = load(run)
     assert policy.config.task.episode_length == 99  # the motion has 100 frames, as in mjlab
-    robot = Session(policy, None).player
+    robot = Session(policy, None)
     assert robot.ghost is not None and robot.env.episode_length == 99
     motion = {"--env.commands.motion.motion-file": write_squat(tmp_path / "fast.npz", fps=60)}
     with pytest.raises(MorlaxError, match="60 frames per second, of which mjlab plays 50"):

@@ -434,16 +434,16 @@ def test_a_slider_changes_the_body_and_then_the_front(run, monkeypatch):
     waiting = Queue[Any]()
     exhibit = RunExhibit(choose(str(run), None), waiting.put)
     session = exhibit.robots[0]
-    opened, model = session.opened, session.player.model
+    opened, model = session.opened, session.model
     assert exhibit.state()["design"] == [0.33, 0.32] and exhibit.state()["measured"]
     exhibit.react({"act": "reshape", "index": 1, "value": 9.0})  # clamped
     design = {"thigh": 0.33, "calf": 0.5}
-    assert session.player.model is not model and session.opened is opened  # the panel stays
-    assert session.player.model.geom("calf").size[1] == pytest.approx(0.25)
+    assert session.model is not model and session.opened is opened  # the panel stays
+    assert session.model.geom("calf").size[1] == pytest.approx(0.25)
     assert exhibit.state()["design"] == [0.33, 0.5] and not exhibit.state()["measured"]
     assert exhibit.state()["choosing"] is None and session.front is None
     exhibit.react({"act": "press", "name": "add"})
-    assert len({id(each.player.policy) for each in exhibit.robots}) == 1
+    assert len({id(each.policy) for each in exhibit.robots}) == 1
     exhibit.react({"act": "press", "name": "measure"})
     while not exhibit.state()["measured"]:
         waiting.get(timeout=PATIENCE)()
@@ -484,9 +484,9 @@ def test_a_front_of_a_former_body_is_not_shown(run):
 
 def test_robots_with_one_body_have_no_sliders_for_it():
     exhibit = RunExhibit(choose("hopper", None), lambda request: None)
-    model = exhibit.robots[0].player.model
+    model = exhibit.robots[0].model
     exhibit.react({"act": "reshape", "index": 0, "value": 0.4})
-    assert exhibit.robots[0].player.model is model and exhibit.state()["design"] == []
+    assert exhibit.robots[0].model is model and exhibit.state()["design"] == []
 
 
 @pytest.mark.slow

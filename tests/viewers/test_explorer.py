@@ -38,49 +38,49 @@ def play(session: Session, seconds: float, pace: float = 1.0) -> int:
 
 
 def test_a_robot_moves_in_real_time(session):
-    assert play(session, 1.0) == round(1 / session.player.env.dt)
+    assert play(session, 1.0) == round(1 / session.env.dt)
     session.reset()
-    assert session.player.steps == 0
-    assert not session.player.returns.any()
+    assert session.steps == 0
+    assert not session.returns.any()
 
 
 def test_slow_motion_and_pause(session):
-    assert play(session, 2.0, pace=0.25) == pytest.approx(0.5 / session.player.env.dt, abs=1)
-    assert session.advance(3600.0) * session.player.env.dt <= 0.1 + 1e-9  # is not caught up with
+    assert play(session, 2.0, pace=0.25) == pytest.approx(0.5 / session.env.dt, abs=1)
+    assert session.advance(3600.0) * session.env.dt <= 0.1 + 1e-9  # is not caught up with
     assert play(session, 1.0, pace=0.0) == 0
 
 
 def test_a_new_tradeoff_acts_on_the_next_step(session):
     session.step()
-    seen = session.player.observation
+    seen = session.observation
     session.tradeoff = (0.9, 0.1)
     session.step()
-    action = session.player.policy(seen, (0.9, 0.1))[0]
-    env = session.player.env
+    action = session.policy(seen, (0.9, 0.1))[0]
+    env = session.env
     env.apply(action[None])
-    assert session.player.tradeoff.tolist() == pytest.approx([0.9, 0.1])
-    np.testing.assert_allclose(session.player.data.ctrl, env.physics.ctrl[0], rtol=1e-5)
+    assert session.tradeoff == (0.9, 0.1)
+    np.testing.assert_allclose(session.data.ctrl, env.physics.ctrl[0], rtol=1e-5)
 
 
 def test_a_finished_episode_is_reported_and_a_new_one_starts(session):
     while session.last_episode is None:
         session.step()
-    assert session.player.steps == 1
+    assert session.steps == 1
     assert len(session.last_episode["returns"]) == 2
-    fell = session.last_episode["seconds"] < 200 * session.player.env.dt - 1e-9
+    fell = session.last_episode["seconds"] < 200 * session.env.dt - 1e-9
     assert session.last_episode["fell"] == fell
 
 
 def test_a_command_survives_resets_and_stays_within_its_limits(session, make_policy):
-    assert not described_task(session.player.env)["velocities"]
+    assert not described_task(session.env)["velocities"]
     bruce = Session(make_policy("bruce"), None)
     bruce.step()
-    assert bruce.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
+    assert bruce.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.0])
     bruce.tell(1, 0.05)
-    assert described_task(bruce.player.env)["velocities"]
+    assert described_task(bruce.env)["velocities"]
     for _ in range(2):
         bruce.step()
-        assert bruce.player.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.05])
+        assert bruce.observation[0, 144:146].tolist() == pytest.approx([0.12, 0.05])
         bruce.reset()
 
 
@@ -91,7 +91,7 @@ def test_a_command_survives_resets_and_stays_within_its_limits(session, make_pol
 )
 def test_the_page_pushes_and_follows_the_robot_or_the_named_body(task, body, free, make_policy):
     session = Session(make_policy(task), None)
-    model, speed = session.player.model, session.player.env.physics.qvel[0]
+    model, speed = session.model, session.env.physics.qvel[0]
     session.push()
     start = model.body_dofadr[model.body(body).id]
     assert float(speed[start : start + free].norm()) == pytest.approx(PUSH)
@@ -103,7 +103,7 @@ def test_the_page_pushes_and_follows_the_robot_or_the_named_body(task, body, fre
 
 def test_power_is_force_times_velocity(session):
     play(session, 0.3)
-    model, data = session.player.model, session.player.data
+    model, data = session.model, session.data
     joints = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     torque = model.actuator_gear[:, 0] * data.ctrl
     assert session.told()["power"] == pytest.approx(np.abs(torque * data.qvel[joints]).sum())
@@ -140,7 +140,7 @@ def test_a_second_robot_keeps_the_tradeoff_while_the_new_one_is_steered():
     exhibit.react({"act": "steer", "weights": [9.0, 1.0]})
     play(exhibit.robots[0], 0.2)
     press(exhibit, "add")
-    assert exhibit.robots[0].player.steps == 0  # both start anew, to be comparable
+    assert exhibit.robots[0].steps == 0  # both start anew, to be comparable
     exhibit.react({"act": "steer", "weights": [2.0, 8.0]})
     assert [robot.tradeoff for robot in exhibit.robots] == [(0.9, 0.1), (0.2, 0.8)]
     press(exhibit, "add")
@@ -161,8 +161,8 @@ def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
     for _ in range(30):
         robot.step()
         player.step()
-        assert robot.told()["tradeoff"] == tuple(player.tradeoff.tolist())
-    assert (robot.player.data.qpos == player.data.qpos).all()
+        assert robot.told()["tradeoff"] == player.tradeoff
+    assert (robot.data.qpos == player.data.qpos).all()
     assert 0.2 < robot.tradeoff[0] < 0.8 and robot.told()["follows"] is True
     exhibit.react({"act": "steer", "weights": [3.0, 1.0]})
     play(robot, 0.2)
@@ -171,7 +171,7 @@ def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
     press(exhibit, "reset")
     robot.step()
     assert robot.tradeoff == (1, 0)
-    robot.renew(robot.player.policy, robot.front)  # training has written another checkpoint
+    robot.renew(robot.policy, robot.front)  # training has written another checkpoint
     play(robot, 0.5)
     assert robot.tradeoff == pytest.approx((0.2, 0.8))
     press(exhibit, "add")
@@ -237,16 +237,16 @@ def test_the_policies_of_a_newer_checkpoint_act_while_the_robot_goes_on(
     assert state["training"][-1]["fingerprint"] == state["front"]["fingerprint"]
     (robot,) = exhibit.robots
     play(robot, 0.1)
-    policy, steps = load(run), robot.player.steps
+    policy, steps = load(run), robot.steps
     policy.agent.actor.bias.data += 0.1
     train_on(run, policy)
     before = state["front"]["returns"][0][0]
     follow(exhibit, requests, lambda state: state["front"]["returns"][0][0] == before + 1)
-    assert exhibit.robots[0] is robot and robot.player.steps == steps > 0
-    seen = robot.player.observation
+    assert exhibit.robots[0] is robot and robot.steps == steps > 0
+    seen = robot.observation
     robot.step()
     expected = policy(seen, robot.tradeoff)[0]
-    torch.testing.assert_close(robot.player._network(seen)[0], expected)
+    torch.testing.assert_close(robot._network(seen)[0], expected)
 
     # policies stay while a user judges them
     press(exhibit, "find")
@@ -348,13 +348,13 @@ def test_twins_start_alike_and_stay_in_step():
             for robot in exhibit.robots:
                 robot.advance(now)
         first, second = exhibit.robots
-        assert first.player.steps == second.player.steps > 0
-        np.testing.assert_array_equal(first.player.data.qpos, second.player.data.qpos)
+        assert first.steps == second.steps > 0
+        np.testing.assert_array_equal(first.data.qpos, second.data.qpos)
 
 
 def test_a_state_that_is_not_finite_is_not_sent(session):
     assert frame_bytes([session]) is not None
-    session.player.data.xpos[1] = np.nan
+    session.data.xpos[1] = np.nan
     assert frame_bytes([session]) is None
 
 

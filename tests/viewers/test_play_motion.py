@@ -121,7 +121,7 @@ def test_a_trade_off_over_time_is_followed_at_the_phase(exported, refused, tmp_p
 
 def test_a_ghost_on_the_page_is_at_the_phase_of_the_robot(exported):
     session = Session(load_policy(str(exported[TASK].parent / "run"), "cpu"), None)
-    model, data = session.player.model, mujoco.MjData(session.player.model)
+    model, data = session.model, mujoco.MjData(session.model)
     assert session.about()["motion"] == pytest.approx(SECONDS + STAND, abs=0.03)
     for frame in squat(SECONDS)[:12]:  # more than an episode of the training
         data.qpos[:] = frame

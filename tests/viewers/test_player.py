@@ -39,4 +39,4 @@ def test_the_drawn_robot_matches_the_simulated_pose_and_restarts(policy):
     assert torch.equal(torch.cat(first), torch.cat(again))
     with pytest.raises(MorlaxError, match="not negative"):
         player.tradeoff = (-1.0, 2.0)
-    assert player.tradeoff.tolist() == [1.0, 0.0]
+    assert player.tradeoff == (1.0, 0.0)

@@ -123,7 +123,7 @@ def test_a_sweep_goes_from_each_objective_to_the_next(make_policy, tmp_path):
     sweep = Sweep(policy, front, 96, 64)
     shares, frames = [], []
     for frame in sweep.frames(0.4, stride=8):
-        shares.append(sweep._takes[0].player.tradeoff[1].item())
+        shares.append(sweep._takes[0].player.tradeoff[1])
         frames.append(frame)
     np.testing.assert_allclose(shares, np.linspace(0, 1, 6), atol=1e-6)
     assert frames[0].shape == (64, 2 * 96 + GAP, 3)

@@ -48,8 +48,8 @@ class Thresholds:
 
     def __init__(self, session: Session, front: Front, put: Put, steer: Callable[[Weights], None]):
         self._front, self._put, self._steer = front, put, steer
-        self._lower = session.player.env.lower_is_better
-        self._chooser = cache(partial(Chooser, session.player.policy, front))  # takes a while
+        self._lower = session.env.lower_is_better
+        self._chooser = cache(partial(Chooser, session.policy, front))  # takes a while
         self.names = *front.objectives, *front.quantity_names
         self.searching = False
         self.current: object = None  # the search that goes on; another one ends without a result
@@ -196,7 +196,7 @@ class RunExhibit:
             "checkpoint": self._choice.checkpoint,
             "checkpoints": list(self._choice.files),
             "selected": self._selected,
-            "command": list(self._steered.player.command),
+            "command": list(self._steered.command),
             "design": self._steered.design,
             "measured": not self._stale,
             "choosing": thresholds and thresholds.state(),
@@ -206,7 +206,7 @@ class RunExhibit:
 
     def react(self, request: Request) -> None:
         steered, thresholds = self._steered, self._thresholds()
-        command = steered.player.command
+        command = steered.command
         sessions = {*self._sessions, *self.robots}
         match request:
             case {"act": "steer", "weights": weights} if len(weights) == len(steered.objectives):
@@ -217,7 +217,7 @@ class RunExhibit:
                     session.tell(i, value)
             case {"act": "nudge", "index": i, "change": change} if i < len(command):
                 for session in sessions:
-                    session.tell(i, session.player.command[i] + change)
+                    session.tell(i, session.command[i] + change)
             case {"act": "reshape", "index": i, "value": value} if i < len(steered.design):
                 self._reshape(i, value)
             case {"act": "select", "robot": robot} if robot < len(self._sessions):
@@ -228,8 +228,8 @@ class RunExhibit:
                 if session.objectives == steered.objectives:
                     session.tradeoff, session.schedule = steered.tradeoff, steered.schedule
                     session.follows = steered.follows
-                if session.player.env.command_limits == steered.player.env.command_limits:
-                    session.player.command = list(command)
+                if session.env.command_limits == steered.env.command_limits:
+                    session.command = list(command)
                 if thresholds is not None:
                     thresholds.stop()
                 self._open(choice, session)
@@ -266,7 +266,7 @@ class RunExhibit:
                 work = partial(self._choice.export, steered.tradeoff, steered.reshaped)
                 self._save("Exporting the policy…", work)
             case {"name": "card"} if thresholds is not None and thresholds.choice is not None:
-                policies = steered.player.policy, thresholds.choice, steered.reshaped
+                policies = steered.policy, thresholds.choice, steered.reshaped
                 work = partial(self._choice.write_card, *policies)
                 self._save("Trying the policy under other conditions…", work)
             case {"name": "find" | "again"}:
@@ -307,7 +307,7 @@ class RunExhibit:
         self._asking = None
         if self._chosen is not None:
             self._chosen.stop()
-        policy, design = self._steered.player.policy, self._steered.design
+        policy, design = self._steered.policy, self._steered.design
         parameters = policy.agent.designs
         _, low, high, _ = list(parameters.values())[index]
         design[index] = min(max(value, low), high)
@@ -319,7 +319,7 @@ class RunExhibit:
     def _measure(self) -> None:
         """Evaluate the front of the robots' body, one body after the other."""
         if not self._measuring:
-            self._measuring, policy = True, self._steered.player.policy
+            self._measuring, policy = True, self._steered.policy
             work = partial(evaluate, policy, TRADEOFFS, device="cpu")
             _aside(work, self._put, partial(self._measured, policy))
 
@@ -327,7 +327,7 @@ class RunExhibit:
         """Show the front of a body, or go on with another one that the robots have by now."""
         self._measuring = False
         front = done.result()._replace(checkpoint="this body")
-        if self._steered.player.policy is policy:
+        if self._steered.policy is policy:
             self._stale = False
             for session in self._sessions:
                 session.front = front
@@ -377,7 +377,7 @@ class RunExhibit:
             self._front, self._chosen = session.front, None
             if session.front is not None:
                 self._chosen = Thresholds(session, session.front, self._put, self._steer)
-                self._map = front_map(session.front, session.player.env)
+                self._map = front_map(session.front, session.env)
         return self._chosen
 
     def _runs(self) -> dict[str, str]:

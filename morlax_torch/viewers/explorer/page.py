@@ -122,7 +122,7 @@ class Page:
             self._robot, self._drawn = first.opened, None
             self._about = json.dumps({"type": "run", "about": first.about()})
             self._server.send(self._about)
-        model = first.player.model
+        model = first.model
         if self._drawn is not model:
             self._drawn, self._model = model, MODEL + model_bytes(model)
             self._server.send(self._model)

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...configuration.schedules import Schedule
-from ...envs import MorlaxError
+from ...envs import MorlaxError, TimeStep
 from ...envs.naming import title
 from ...envs.worlds.design_space import DesignSpace
 from ...envs.worlds.trees import horizontal
@@ -28,41 +27,35 @@ MODEL, FRAME = (np.int32(kind).tobytes() for kind in (0, 1))
 WEIGHT = 0.5  # length of an arrow that carries the robot's weight, in sizes of the robot
 
 
-class Session:
-    """A robot and its trade-off.
+class Session(Player):
+    """A robot that moves in real time.
 
-    Callers may set `tradeoff` at any time; a new one acts from the next control step. If the robot
-    `follows` its `schedule`, that sets it. `front` is that of the policies, if it was evaluated.
-    `opened` are the policies that it began with, the same object for sessions that look alike and
-    can stand side by side. The `player` holds the current state; another body has another one.
+    `front` is that of the policies, if it was evaluated. `opened` are the policies that it began
+    with, the same object for sessions that look alike and can stand side by side.
     """
 
     def __init__(self, policy: Policy, front: Front | None):
         self.objectives, self.front = policy.objectives, front
-        self.tradeoff: Weights = (1 / len(self.objectives),) * len(self.objectives)
-        self.schedule: Schedule | None = None
-        self.follows = False
-        self.player = Player(policy, self.tradeoff)
+        super().__init__(policy, (1 / len(self.objectives),) * len(self.objectives))
         self._due = 0.0
         self._clock: float | None = None
         self.last_episode: dict[str, Any] | None = None
-        self.axes = horizontal(self.player.model, self.player.env.base)
-        self._acting_on: Weights | Schedule | None = self.tradeoff
+        self.axes = horizontal(self.model, self.env.base)
         self.opened = policy
         self._directions = np.random.default_rng(0)
 
     def twin(self) -> Self:
         """Return another robot with the same policy, trade-off and command."""
-        twin = type(self)(self.player.policy, self.front)
+        twin = type(self)(self.policy, self.front)
         twin.opened, twin.tradeoff, twin.schedule = self.opened, self.tradeoff, self.schedule
-        twin.player.command = list(self.player.command)
+        twin.command = list(self.command)
         twin._clock, twin._due = self._clock, self._due
         return twin
 
     @property
     def design(self) -> list[float]:
         """The body's design parameters (d,)."""
-        policy = self.player.policy
+        policy = self.policy
         if not len(policy.agent.context):
             return []
         return DesignSpace(policy.agent.designs).vector(policy.config.task.design).tolist()
@@ -70,26 +63,26 @@ class Session:
     @property
     def reshaped(self) -> Policy | None:
         """The policy, if its body is not that of the checkpoint."""
-        policy = self.player.policy
-        return None if policy.config.task == self.opened.config.task else policy
+        return None if self.policy.config.task == self.opened.config.task else self.policy
 
     def reshape(self, policy: Policy) -> None:
         """Go on with another body of this family, whose front is unknown."""
-        command = self.player.command
-        self.player, self.front = Player(policy, self.tradeoff), None
-        self.player.command = command
-        self._acting_on = self.tradeoff
+        command = self.command
+        self.open(policy)
+        self.command = command
+        self.renew(policy, None)
 
-    def renew(self, policy: Policy, front: Front) -> None:
+    def renew(self, policy: Policy, front: Front | None) -> None:
         """Let other policies of this family act from the next control step."""
-        self.player.policy, self.front, self._acting_on = policy, front, None
+        self.policy, self.front = policy, front
+        self.tradeoff = self.tradeoff  # of the new policies
 
     def advance(self, now: float, pace: float = 1.0) -> int:
         """Take the steps that are due at clock time `now` in seconds; returns how many.
 
         A pace of 1 is real time, and of 0 a pause.
         """
-        elapsed, dt = 0.0 if self._clock is None else now - self._clock, self.player.env.dt
+        elapsed, dt = 0.0 if self._clock is None else now - self._clock, self.env.dt
         self._clock = now
         self._due += min(elapsed, MAX_LAG) * pace
         steps = int(self._due / dt + 1e-9)
@@ -100,67 +93,61 @@ class Session:
 
     def until_next(self, pace: float) -> float:
         """Return the clock seconds until the next step is due, at most `MAX_LAG`."""
-        return min(max(self.player.env.dt - self._due, 0.0) / max(pace, 1e-9), MAX_LAG)
+        return min(max(self.env.dt - self._due, 0.0) / max(pace, 1e-9), MAX_LAG)
 
-    def step(self) -> None:
+    def step(self) -> TimeStep:
         """Take one control step; if the episode is over, start a new one first."""
-        player, schedule = self.player, self.schedule if self.follows else None
-        if (wanted := schedule or self.tradeoff) is not self._acting_on:
-            player.tradeoff = self._acting_on = wanted
-        if player.over:
+        if self.over:
             self.last_episode = {
-                "returns": _finite(player.returns),
-                "seconds": player.steps * player.env.dt,
-                "fell": player.steps < player.env.episode_length,
+                "returns": _finite(self.returns),
+                "seconds": self.steps * self.env.dt,
+                "fell": self.steps < self.env.episode_length,
             }
             self.reset()
-        player.step()
-        if schedule:
-            self.tradeoff = tuple(player.tradeoff.tolist())
+        return super().step()
 
     def reset(self, seed: int | None = None) -> None:
         """Start an episode; those of twins with one seed begin and are disturbed alike."""
         if seed is not None:
-            self.player.env.reseed(seed)
+            self.env.reseed(seed)
             self._directions = np.random.default_rng(seed)
-        self.player.reset()
+        super().reset()
 
     def push(self) -> None:
         """Add `PUSH` m/s to the robot's velocity, in a random direction of its horizontal axes."""
         kick = self._directions.normal(size=len(self.axes))
-        velocity = self.player.env.physics.qvel[0]
+        velocity = self.env.physics.qvel[0]
         for dof, part in zip(self.axes, PUSH * kick / np.linalg.norm(kick), strict=True):
             velocity[dof] += part
 
     def tell(self, index: int, value: float) -> None:
         """Set one number of the command, by its index; it is clamped to the task's limits."""
-        low, high = list(self.player.env.command_limits.values())[index]
-        self.player.command[index] = min(max(value, low), high)
+        low, high = list(self.env.command_limits.values())[index]
+        self.command[index] = min(max(value, low), high)
 
     def about(self) -> dict[str, Any]:
         """Describe the robot for a page, apart from its front, model and poses."""
-        env, policy = self.player.env, self.player.policy
+        env, policy = self.env, self.policy
         parameters = policy.agent.designs if self.design else {}
         return {
             "title": title(policy.config.env),
-            "motion": None if self.player.ghost is None else env.episode_length * env.dt,
+            "motion": None if self.ghost is None else env.episode_length * env.dt,
             "design": {f"{k} ({x.unit})": [x.low, x.high] for k, x in parameters.items()} or None,
             **described_task(env),
         }
 
     def told(self) -> dict[str, Any]:
         """Describe its trade-off and its episode."""
-        data = self.player.data
         return {
             "tradeoff": self.tradeoff,
             "follows": self.schedule and self.follows,  # null: there is no trade-off over time
-            "returns": _finite(self.player.returns),
-            "counted": self.player.steps,
+            "returns": _finite(self.returns),
+            "counted": self.steps,
             "ended": self.last_episode,
             # m/s along x and, if it can move there, y
-            "velocity": _finite(data.qvel[self.axes]),
+            "velocity": _finite(self.data.qvel[self.axes]),
             # W, mechanical, of the motors; absorbed power counts as positive too
-            "power": _finite(np.abs(data.actuator_force * data.actuator_velocity).sum()),
+            "power": _finite(np.abs(self.data.actuator_force * self.data.actuator_velocity).sum()),
         }
 
 
@@ -181,13 +168,13 @@ def _finite(values: ArrayLike) -> Any:
 def frame_bytes(sessions: Sequence[Session]) -> bytes | None:
     """Return steps, poses, contacts and ghosts as 32-bit floats; None: they are not finite."""
     parts = [FRAME]
-    for player in (session.player for session in sessions):
-        data = player.data
+    for session in sessions:
+        data = session.data
         if not np.isfinite(data.xpos).all():
             return None
-        arrows = contact_arrows(player.model, data)
-        ghosts = [] if player.ghost is None else [player.ghost]
-        numbers = [[player.steps, len(arrows), len(ghosts)], data.xpos, data.xquat, arrows]
+        arrows = contact_arrows(session.model, data)
+        ghosts = [] if session.ghost is None else [session.ghost]
+        numbers = [[session.steps, len(arrows), len(ghosts)], data.xpos, data.xquat, arrows]
         numbers += [part for ghost in ghosts for part in (ghost.xpos, ghost.xquat)]
         parts += [np.asarray(part, np.float32).tobytes() for part in numbers]
     return b"".join(parts)

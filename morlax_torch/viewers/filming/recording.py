@@ -242,7 +242,7 @@ class Take:
 
     def _table(self) -> list[panels.Row]:
         player, rows = self.player, []
-        shares = (player.tradeoff / player.tradeoff.sum()).tolist()
+        shares = np.array(player.tradeoff) / sum(player.tradeoff)
         names = [player.env.titles.get(name, name) for name in player.env.objectives]
         for name, share, x in zip(names, shares, player.returns.tolist(), strict=True):
             rows.append((name, f"{share:.2f}", f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}"))
@@ -254,8 +254,8 @@ class Take:
         weights = [f"{name} {share}" for name, share, _ in rows]
         if player.schedule is not None:
             weights = ["trade-off", "over time"]
-        elif (used := player.tradeoff.nonzero()).numel() == 1:
-            weights = [f"only {rows[int(used)][0]}"]
+        elif np.count_nonzero(player.tradeoff) == 1:
+            weights = [f"only {rows[int(np.argmax(player.tradeoff))][0]}"]
         return "\n".join([*self._body(), *weights])
 
 
@@ -280,7 +280,7 @@ class Sweep(Film):
 
     def _arranged(self, robots: list[Image.Image], share: float) -> NDArray[np.uint8]:
         """Mark the policy that is nearest on the front."""
-        away = self._front.tradeoffs - self._takes[0].player.tradeoff.numpy()
+        away = self._front.tradeoffs - self._takes[0].player.tradeoff
         x, y = self._places[np.square(away).sum(1).argmin()]
         picture, size = self._map.copy(), MARK * self._map.height / 360
         box = (x - size, picture.height - y - size, x + size, picture.height - y + size)
