@@ -16,9 +16,8 @@ from torch.utils._pytree import tree_map_only
 from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
-from ..envs import MorlaxError, Worlds
+from ..envs import DesignParameter, MorlaxError, Worlds
 from ..envs.errors import LONGEST, NotInstalled, line, shortened, validated
-from ..envs.worlds.design_space import DesignParameter
 from ..envs.worlds.options import STORED, check_objectives
 from ..host.files import AnyPath, read, write_file
 from .progress import Progress

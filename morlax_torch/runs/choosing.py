@@ -8,8 +8,7 @@ import torch
 from scipy.special import log_ndtr
 
 from ..configuration.tradeoffs import even_tradeoffs
-from ..envs import MorlaxError, get, resolve_device
-from ..envs.worlds.options import TaskOptions
+from ..envs import MorlaxError, TaskOptions, get, resolve_device
 from ..evaluation.evaluator import Evaluator, evaluation_worlds
 from ..evaluation.front import Front
 from ..evaluation.requirements import Choice, Requirements

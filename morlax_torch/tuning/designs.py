@@ -10,9 +10,8 @@ import torch
 
 from ..configuration.config import Config
 from ..configuration.tradeoffs import evaluation_tradeoffs
-from ..envs import MorlaxError, get
+from ..envs import Environment, MorlaxError, get
 from ..envs.worlds.design_space import DesignSpace, compiled
-from ..envs.worlds.environment import Environment
 from ..evaluation import figures, pareto
 from ..evaluation.evaluator import Evaluator, embody, evaluation_worlds
 from ..host.files import write_file, write_rows

@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_origin
@@ -77,12 +78,10 @@ class Limits(Section):
 
         "run=500 @ 3-5" is named "run @ 3-5".
         """
-        least, most = {}, {}
-        for name, level in numbers(self.at_least, "--at-least run=2000"):
-            least[name] = max(level, least.get(name, level))
-        for name, level in numbers(self.at_most, "--at-most power=60"):
-            most[name] = min(level, most.get(name, level))
-        return least, most
+        least = numbers(self.at_least, "--at-least run=2000")
+        most = numbers(self.at_most, "--at-most power=60")
+        level = itemgetter(1)  # the last one of a name counts
+        return dict(sorted(least, key=level)), dict(sorted(most, key=level, reverse=True))
 
 
 def numbers(texts: Sequence[str], example: str) -> list[tuple[str, float]]:

@@ -6,7 +6,6 @@ cookie would go to every port of the host. No other web page may send a request.
 
 import asyncio
 import errno
-import gzip
 import hmac
 import logging
 import re
@@ -14,7 +13,6 @@ import secrets
 import socket
 import threading
 from collections.abc import Callable, Mapping
-from functools import cache
 from http import HTTPStatus
 from pathlib import Path
 
@@ -58,7 +56,6 @@ class Server:
         self._token, self.tabs = secrets.token_urlsafe(24), set[ServerConnection]()
         # a page whose name resolves to this machine (DNS rebinding) names itself as the host
         self._hosts = {_in_address(name) for name in LOCALHOST} if host in LOCALHOST else None
-        self._packed = cache(lambda path: gzip.compress(files[path]))
         self._loop, self._over = asyncio.new_event_loop(), asyncio.Event()
         # broken connections and requests that are not HTTP are no errors of ours
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
@@ -129,12 +126,9 @@ class Server:
             moved.headers["Location"] = f"/{self._token}/"
             return moved
         kind = TYPES.get(Path(path).suffix, "text/plain") if path else "text/html; charset=utf-8"
-        packed = "gzip" in request.headers.get("Accept-Encoding", "")
-        body = self._packed(path) if packed else self._files[path]
+        body = self._files[path]
         headers = Headers({"Content-Type": kind, "Content-Length": str(len(body))})
         headers.update({"Connection": "close", "Referrer-Policy": "no-referrer"})
-        if packed:
-            headers["Content-Encoding"] = "gzip"
         return Response(HTTPStatus.OK, "OK", headers, body)
 
 

@@ -63,9 +63,7 @@ class Settings(BaseModel):
     damping: list[float | None]
     default_joint_pos: Values
     observations: dict[str, Term]
-    lin_vel_x: Range = _in(*RANGES, "lin_vel_x", default=(0.0, 0.0))
-    lin_vel_y: Range = _in(*RANGES, "lin_vel_y", default=(0.0, 0.0))
-    ang_vel_z: Range = _in(*RANGES, "ang_vel_z", default=(0.0, 0.0))
+    ranges: dict[str, Range | None] = _in(*RANGES, default={})
     clip: list[Range] | None = _in(*ACTION, "clip")
     scale: Values = _in(*ACTION, "scale")
     offset: Values = _in(*ACTION, "offset")
@@ -89,11 +87,11 @@ class Settings(BaseModel):
     @property
     def limits(self) -> list[Range]:
         """The range of each number of the command: m/s, m/s, rad/s."""
-        return [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z]
+        return [self.ranges.get(axis) or (0.0, 0.0) for axis in AXES]
 
     @model_validator(mode="after")
     def _check(self) -> "Settings":
-        if self.motion is None and not self.model_fields_set.issuperset(AXES):
+        if self.motion is None and not all(map(self.ranges.get, AXES)):
             raise ValueError(f"{'.'.join(RANGES)} needs {', '.join(AXES)}.")
         if self.motion is not None and self.anchor_body not in self.key_bodies:
             raise ValueError(f"the anchor_body {self.anchor_body} is not among key_bodies.")

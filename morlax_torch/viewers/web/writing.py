@@ -15,10 +15,8 @@ import mujoco
 import numpy as np
 from torch import Tensor
 
-from ...envs import Environment, MorlaxError
+from ...envs import Environment, MorlaxError, TaskOptions, get
 from ...envs.naming import title
-from ...envs.registry import get
-from ...envs.worlds.options import TaskOptions
 from ...exports.exporting import export, onnxruntime
 from ...host.files import making
 from ...host.phases import phase, within
