@@ -105,10 +105,10 @@ def undrawn() -> Iterator[None]:
     """Write figures without drawing them, except in tests that are `rendered`."""
     from matplotlib.figure import Figure
 
-    from morlax_torch.commands import evaluate
     from morlax_torch.evaluation import figures
+    from morlax_torch.viewers.filming import recording
 
-    savefig, pixels, portrait = Figure.savefig, figures.pixels, evaluate._portrait
+    savefig, pixels, portrait = Figure.savefig, figures.pixels, recording.portrait
     empty = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<svg></svg>"}
 
     def save(figure: Figure, file: Any, *args: Any, **options: Any) -> None:
@@ -122,7 +122,7 @@ def undrawn() -> Iterator[None]:
         patch.setattr(Figure, "savefig", save)
         nothing = np.zeros((2, 2, 3), np.uint8)
         patch.setattr(figures, "pixels", lambda x: pixels(x) if Drawing.wanted else nothing)
-        patch.setattr(evaluate, "_portrait", lambda x: portrait(x) if Drawing.wanted else None)
+        patch.setattr(recording, "portrait", lambda x: portrait(x) if Drawing.wanted else None)
         yield
 
 

@@ -1,21 +1,14 @@
 """Evaluate trained runs: fronts, indicators, figures and a report."""
 
-import copy
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from ..configuration.sections import Protocol
 from ..envs import MorlaxError
-from ..host.phases import phase
 from .terminal import cli
 from .terminal.arguments import Device, Positional, Trusting, arg, parse
 from .terminal.process import typed
-
-PORTRAIT_SECONDS = 1.0  # simulated time at which the report shows the robot
-
-if TYPE_CHECKING:
-    from ..networks.policy import Policy
 
 
 class Evaluate(Trusting):
@@ -60,21 +53,8 @@ def command(arguments: Sequence[str]) -> None:
         raise MorlaxError("name at least one run: its folder, such as runs/ant/..., or a file.")
     with cli.Live():
         from ..reports.evaluating import evaluate_runs  # imports torch
+        from ..viewers.filming.recording import portrait
 
         runs, line = options.pop("runs"), typed("evaluate", *arguments)
-        _, folder = evaluate_runs(runs, line, portrait=_portrait, show=cli.console.print, **options)
+        _, folder = evaluate_runs(runs, line, portrait=portrait, show=cli.console.print, **options)
     cli.console.print(f"written: {folder}/report.html, indicators.csv, fronts and figures")
-
-
-def _portrait(policy: "Policy") -> bytes | None:
-    """Return a picture of the robot under equal weights, if it can be drawn here."""
-    phase("drawing the robot")
-    try:
-        from ..viewers.filming.recording import Film, png
-
-        equal = [1.0] * len(policy.objectives)
-        film = Film(copy.deepcopy(policy).cpu(), [equal], width=640, height=400)
-        *_, last = film.frames(PORTRAIT_SECONDS, film.steps(PORTRAIT_SECONDS))
-    except (ImportError, MorlaxError):  # an extra, OpenGL or a MuJoCo robot is missing
-        return None
-    return png(last)

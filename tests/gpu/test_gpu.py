@@ -322,10 +322,10 @@ def test_recorded_steps_treat_a_huge_velocity_as_a_blow_up():
 
 
 def test_a_report_shows_a_robot_whose_policy_is_on_the_gpu(make_policy, rendered):
-    from morlax_torch.commands.evaluate import _portrait
+    from morlax_torch.viewers.filming.recording import portrait
 
     policy = make_policy("cheetah").to("cuda")
-    picture = _portrait(policy)
+    picture = portrait(policy)
     assert picture is None or picture.startswith(b"\x89PNG")  # None: without OpenGL
     assert next(policy.parameters()).is_cuda
 

@@ -321,13 +321,13 @@ def test_a_verdict_tells_whether_the_hypervolume_still_rises():
 
 
 def test_a_report_without_opengl_has_no_picture_of_the_robot(monkeypatch, rendered):
-    from morlax_torch.viewers.filming.recording import Film
+    from morlax_torch.viewers.filming.recording import Film, portrait
 
     def fail(*arguments, **options):
         raise MorlaxError("no OpenGL")
 
     monkeypatch.setattr(Film, "__init__", fail)
-    assert evaluate._portrait(load("hopper", "cpu")) is None
+    assert portrait(load("hopper", "cpu")) is None
 
 
 def test_names_in_a_report_of_three_objectives_are_escaped(workplace):

@@ -4,6 +4,7 @@ import math
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from copy import deepcopy
 from fractions import Fraction
 from io import BytesIO
 from itertools import chain, product
@@ -32,6 +33,7 @@ from .rendering import Scene, check_size
 
 LONGEST = 3600.0  # simulated seconds of a film
 MOST_PICTURES = 100
+PORTRAIT = 1.0  # simulated seconds at which a report shows the robot
 LINGER = 1.0  # seconds that a film continues after every robot is done
 MARK = 9  # pixels from the middle of a sweep's mark to its edge, on a panel of 360 lines
 # The H.264 that every browser plays needs even sizes; a GIF looks better with its own palette.
@@ -341,6 +343,18 @@ def strip(policy: Policy, tradeoff: Sequence[float]) -> bytes | None:
     try:
         return png(Film(policy, [tradeoff], width=240, height=180).strip())
     except MorlaxError:  # no OpenGL, or no MuJoCo robot
+        return None
+
+
+def portrait(policy: Policy) -> bytes | None:
+    """Return a picture of the robot under equal weights as PNG; None if it cannot be drawn here."""
+    phase("drawing the robot")
+    try:
+        equal = [1.0] * len(policy.objectives)
+        film = Film(deepcopy(policy).cpu(), [equal], width=640, height=400)
+        *_, last = film.frames(PORTRAIT, film.steps(PORTRAIT))
+        return png(last)
+    except MorlaxError:
         return None
 
 
