@@ -102,10 +102,11 @@ def command(arguments: Sequence[str]) -> None:
         }
     if options.card is not None:
         with cli.Live():
-            from ..viewers.explorer.library import decision_card
+            from ..reports.page import card
+            from ..viewers.filming.recording import strip
 
             typed = list(commands.values())
-            page = decision_card(options.run, policy, choice, typed, options.seed)
+            page = card(options.run, policy, choice, typed, strip, options.seed)
             write_file(options.card, page.encode())
         cli.console.print(f"written: {options.card}", soft_wrap=True)
     for purpose, typed in commands.items():

@@ -3,7 +3,7 @@
 import base64
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import timedelta
 from functools import cache
 from html import escape
@@ -17,13 +17,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ..configuration.files import write_yaml
+from ..envs import get
 from ..envs.naming import title
 from ..evaluation import figures
 from ..evaluation.front import Front, hypervolume_in, representatives
 from ..evaluation.requirements import Choice
 from ..evaluation.style import FALLS, FILES, NON_DOMINATED, of_objectives
 from ..host.files import make_folder, write_file, write_rows
-from ..runs.choosing import CONDITIONS, Trial
+from ..host.version import __version__
+from ..networks.policy import Policy
+from ..runs.checkpoint import fingerprint
+from ..runs.choosing import CONDITIONS, trials
+from ..runs.loading import find_checkpoint
 from . import comparison
 from .comparison import Evaluated, quartiles
 from .verdict import verdict_of
@@ -95,39 +100,43 @@ def svg(figure: Figure) -> bytes:
 
 
 def card(
-    task: str,
+    run: str,
+    policy: Policy,
     choice: Choice,
-    trials: Mapping[str, Trial],
-    origin: Mapping[str, str],
     commands: Sequence[str],
-    strip: bytes | None = None,
-    titles: Mapping[str, str] | None = None,
+    strip: Callable[[Policy, Sequence[float]], bytes | None],
+    seed: int = 0,
 ) -> str:
     """Return the decision card: why a trade-off was chosen, and what its policy does.
 
-    `trials` are the choice under other conditions, and `origin` texts such as the checkpoint, both
-    by name. `commands` are command lines that use the choice, `strip` is a film strip as PNG, and
-    `titles` are what people read as the names of objectives.
+    The choice is also simulated under other conditions. `commands` are command lines that use it,
+    and `strip` draws a film strip of a policy on the CPU, where it stays, as PNG.
     """
-    required, titles = choice.required, titles or {}
+    required, task = choice.required, policy.config.env
+    tried, titles = trials(policy, choice.tradeoff, seed), get(task).titles
     # a fall breaks every requirement
     missed = [
         name
-        for name, trial in trials.items()
+        for name, trial in tried.items()
         if trial.falls or not required.kept(trial.values[None])[0]
     ]
     return rendered(
         "card.html",
-        task=task,
+        task=title(task),
         choice=choice,
         maximized=required.maximized,
         titles=[titles.get(name, name) for name in required.names],
         rows=[[titles.get(name, name), *row] for name, *row in choice.rows(",.4g")],
-        strip=strip,
-        trials=trials,
+        strip=strip(policy.cpu(), choice.tradeoff),
+        trials=tried,
         missed=missed,
         conditions=CONDITIONS,
-        origin=origin,
+        origin={
+            "run": run,
+            "checkpoint": str(find_checkpoint(run)),
+            "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
+            "morlax-torch": __version__,
+        },
         commands=commands,
     )
 

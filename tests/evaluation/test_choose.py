@@ -20,7 +20,7 @@ from morlax_torch.evaluation.evaluator import evaluation_worlds
 from morlax_torch.evaluation.front import Front
 from morlax_torch.evaluation.requirements import Requirements, index_of
 from morlax_torch.networks.agent import Agent
-from morlax_torch.reports.page import card
+from morlax_torch.reports import page
 from morlax_torch.runs import choosing, loading
 from morlax_torch.runs.checkpoint import Task
 from morlax_torch.runs.choosing import Candidates, Chooser, Trial, choose, trials
@@ -450,7 +450,7 @@ def test_only_commands_that_work_for_the_run_are_printed(three, typed):
         run_command(words[name:])
 
 
-def test_a_decision_card_counts_quantities(measured):
+def test_a_decision_card_counts_quantities(measured, monkeypatch):
     limits = {"power (W)": 60.0}
     choice = choose(measured, {"save": 10.0}, "run", at_most=limits)
     fallen = measured._replace(falls=np.full(len(measured.returns), 0.25))
@@ -458,13 +458,15 @@ def test_a_decision_card_counts_quantities(measured):
     worse = choice.values + np.array([0, 0, 30, 0, 0])
     tried = {"calm": Trial(choice.values, 0.0, 4), "storm": Trial(worse, 0.0, 4)}
     tried["gale"] = Trial(choice.values, 0.25, 4)  # a fall breaks a requirement
-    page = card("robot", choice, tried, {}, [], titles={"save": "fuel saved"})
+    monkeypatch.setattr(page, "trials", lambda *told: tried)
+    monkeypatch.setattr(envs.get("cheetah"), "titles", {"save": "fuel saved"})
+    text = page.card("cheetah", load("cheetah"), choice, [], lambda *told: None)
     wish = "As much run as possible, with at least 10 of fuel saved and at most 60 of power (W)"
-    assert wish in page
-    assert "<td>at most 60</td>" in page and "power (kW)" not in page
-    assert "<th>evaluated</th>" in page and "No trade-offs were simulated." in page  # of a front
-    assert "The requirements are not kept with storm, gale." in page
-    assert page.count("<td>yes</td>") == 1 and page.count("<td>no</td>") == 2
+    assert wish in text
+    assert "<td>at most 60</td>" in text and "power (kW)" not in text
+    assert "<th>evaluated</th>" in text and "No trade-offs were simulated." in text  # of a front
+    assert "The requirements are not kept with storm, gale." in text
+    assert text.count("<td>yes</td>") == 1 and text.count("<td>no</td>") == 2
 
 
 def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):

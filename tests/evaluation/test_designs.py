@@ -29,11 +29,11 @@ from morlax_torch.envs.worlds import design_space
 from morlax_torch.envs.worlds.design_space import DesignParameter, DesignSpace, compile_bank
 from morlax_torch.evaluation import figures
 from morlax_torch.evaluation.evaluator import Evaluator, held_out, make_evaluator
+from morlax_torch.reports import page
 from morlax_torch.runs.loading import evaluate
 from morlax_torch.runs.training import Session
 from morlax_torch.train import train
 from morlax_torch.tuning.designs import Designer
-from morlax_torch.viewers.explorer import library
 from morlax_torch.viewers.explorer.exhibits import RunExhibit
 from morlax_torch.viewers.explorer.library import choose
 from morlax_torch.viewers.filming.recording import Film
@@ -460,11 +460,11 @@ def test_a_slider_changes_the_body_and_then_the_front(run, monkeypatch):
     assert list(state["choosing"]["levels"]) == ["0"]  # also of another robot with this body
 
     cards = []
-    monkeypatch.setattr(library, "decision_card", lambda *told: cards.append(told) or "")
+    monkeypatch.setattr(page, "card", lambda *told: cards.append(told) or "")
     exhibit.react({"act": "press", "name": "card"})
     while exhibit.state()["saving"]["busy"]:
         waiting.get(timeout=PATIENCE)()
-    ((named, shown, _, commands),) = cards
+    ((named, shown, _, commands, _),) = cards
     assert morlax_torch.load(named).config.task.design == shown.config.task.design == design
     assert named in commands[0]
     exhibit.react({"act": "reshape", "index": 0, "value": 0.4})

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...envs.errors import unknown
-from ...envs.naming import GYMNASIUM, MJLAB, runs_code, title
-from ...envs.registry import get
+from ...envs.naming import GYMNASIUM, MJLAB, runs_code
 from ...evaluation.requirements import Choice as Chosen
 from ...evaluation.requirements import shown
 from ...host.files import RUNS, newest_runs, task_of, write_file
-from ...host.version import __version__
 from ...networks.policy import Policy
 from ...runs import loading
-from ...runs.checkpoint import fingerprint, folder_of, front_path
+from ...runs.checkpoint import folder_of, front_path
 from ...runs.progress import FRONTS
 from ...runs.references import named_task
 from ...runs.run import is_training
@@ -81,11 +79,14 @@ class Choice(NamedTuple):
 
     def write_card(self, policy: Policy, choice: Chosen, body: Policy | None = None) -> list[Path]:
         """Write the decision card of a trade-off, see `export`; return the file."""
+        from ...reports.page import card  # takes a while to import
+        from ..filming.recording import strip
+
         source = self._saved(body)
         run = shlex.quote(source) + (" --trust" if runs_code(policy.config.env) else "")
         export = f"morlax export {run} --tradeoff {shown(choice.tradeoff)}"
         commands = [export, f"morlax explore {run}"]
-        write_file(self.folder / CARD, decision_card(source, policy, choice, commands))
+        write_file(self.folder / CARD, card(source, policy, choice, commands, strip))
         return [self.folder / CARD]
 
     def _saved(self, body: Policy | None) -> str:
@@ -127,22 +128,3 @@ def _export(task: str | None, run: str, output: Path, tradeoff: Sequence[float])
     export(policy, output, "onnx", tradeoff, origin, robot)
     lacks = deploy(robot, output, policy.config.env, policy.objectives, tradeoff)
     return [output] if lacks is None else [output, output.with_name(SETTINGS)]
-
-
-def decision_card(
-    run: str, policy: Policy, choice: Chosen, commands: Sequence[str], seed: int = 0
-) -> str:
-    """Return a decision card as HTML: a choice, also simulated under other conditions."""
-    from ...reports.page import card  # takes a while to import
-    from ...runs.choosing import trials
-    from ..filming.recording import strip
-
-    tried, env = trials(policy, choice.tradeoff, seed), policy.config.env
-    facts = {
-        "run": run,
-        "checkpoint": str(loading.find_checkpoint(run)),
-        "fingerprint of the policies": fingerprint(policy.agent.state_dict()),
-        "morlax-torch": __version__,
-    }
-    picture = strip(policy.cpu(), choice.tradeoff)  # it stays there
-    return card(title(env), choice, tried, facts, commands, picture, get(env).titles)
