@@ -97,16 +97,17 @@ def evaluate_runs(
     elif folder is None or other or not in_run:
         folder = unused(Path("evaluations") / time.strftime("%Y%m%d-%H%M%S"))
     source = reference or "the non-dominated points of all runs"
-    conditions: dict[str, Any] = {
+    values: dict[str, Any] = {
         "tradeoffs": tradeoffs,
         "seeds": seeds,
         "protocol": protocol,
         "device": resolve_device(device),
         "reference": "" if target is None else f"{source}, {len(target)} points",
+        "command": typed,
+        "portrait": portrait(first),
     }
-    picture = portrait(first)
     phase("writing the report")
-    write(evaluations, folder, conditions, typed, picture)
+    write(evaluations, folder, values)
     if output is None and in_run:
         for name, front in fronts.items():
             front.save(checkpoint.front_path(files[name]))  # where `load_front` looks

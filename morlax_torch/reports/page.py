@@ -164,16 +164,10 @@ def facts(run: Evaluated) -> dict[str, str]:
     return texts
 
 
-def write(
-    evaluations: Mapping[str, Evaluated],
-    folder: Path,
-    conditions: Mapping[str, Any],
-    typed: str,
-    portrait: bytes | None = None,
-) -> None:
+def write(evaluations: Mapping[str, Evaluated], folder: Path, values: Mapping[str, Any]) -> None:
     """Write fronts, figures, tables and the report; each of several runs gets a subfolder.
 
-    `conditions` are values of report.html, `typed` is the command line, `portrait` is a PNG.
+    `values` are those of report.html that are not of a run.
     """
     drawn: list[tuple[str, Figure]] = []
     fronts: dict[str, Figure] = {}
@@ -221,15 +215,13 @@ def write(
         "report.html",
         title=f"{task}: {shown}",
         verdict=verdict_of(evaluations),
-        **conditions,
-        command=typed,
+        **values,
         colors=dict(zip(objectives, of_objectives(len(objectives)), strict=True)),
         runs=evaluations,
         fronts=fronts,
         figures=drawn,
         training=training,
         settings=dict.fromkeys(name for texts in training.values() for name in texts),
-        portrait=portrait,
         repeated=repeated,
         indicators=indicator_cells(evaluations),
     )
