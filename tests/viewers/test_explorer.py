@@ -18,6 +18,7 @@ from growing import grow, train_on
 
 from morlax_torch import MorlaxError, evaluate, load
 from morlax_torch.configuration.schedules import Schedule
+from morlax_torch.evaluation.evaluator import stride_of
 from morlax_torch.runs import choosing
 from morlax_torch.viewers.describing import described_task, front_map, moment_map
 from morlax_torch.viewers.explorer import exhibits, library
@@ -167,7 +168,11 @@ def test_a_trade_off_over_time_moves_the_sliders_until_the_user_does():
     exhibit.react({"act": "steer", "weights": [3.0, 1.0]})
     play(robot, 0.2)
     assert robot.tradeoff == (0.75, 0.25) and robot.told()["follows"] is False
+    while robot.steps % stride_of(robot.env.episode_length) != 1:
+        robot.step()
     press(exhibit, "follow")
+    robot.step()
+    assert robot.tradeoff == (0.75, 0.25)  # until the next change, not that of the beginning
     press(exhibit, "reset")
     robot.step()
     assert robot.tradeoff == (1, 0)
