@@ -614,9 +614,10 @@ def test_worlds_of_the_same_episode_draw_alike_whatever_their_number(name):
     assert (few.env.sim.model.body_ipos[1] == go1.env.sim.model.body_ipos[3]).all()
 
 
-def test_without_a_gpu_the_best_of_the_front_is_chosen():
-    front = load_front("g1")
-    choice = choose("g1", {}, "speed (m/s)", at_most={"power": 35.0}, margin=0.0, device="cpu")
+@pytest.mark.parametrize("name", ["g1", "g1-tour"])
+def test_without_a_gpu_the_best_of_the_front_is_chosen(name):
+    front = load_front(name)
+    choice = choose(name, {}, "speed (m/s)", at_most={"power": 35.0}, margin=0.0, device="cpu")
     assert choice.simulated == 0
     measured = dict(zip(front.quantity_names, front.quantities.T, strict=True))
     speed, power = measured["speed (m/s)"], measured["power (W)"]

@@ -14,7 +14,7 @@ from morlax_torch.runs.loading import SHIPPED, evaluate, find_run, load
 
 NUMBERS = {"cheetah": 64, "cheetah3": 256, "walker": 256}  # of trade-offs; all others: 512
 MEGABYTES = {"humanoid": 6.0, "bruce": 6.0}  # all others: 1
-OF_PEERS = {"go1", "g1"}  # tested where mjlab is installed
+OF_PEERS = {"go1", "g1", "g1-tour"}  # tested where mjlab is installed
 SHIPS = sorted(folder.name for folder in SHIPPED.iterdir() if folder.name not in OF_PEERS)
 
 

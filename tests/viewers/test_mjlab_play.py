@@ -1,4 +1,4 @@
-"""The shipped Go1 and G1, exported from mjlab, walk in C MuJoCo as in mjlab."""
+"""The shipped Go1 and G1s, exported from mjlab, walk in C MuJoCo as in mjlab."""
 
 from dataclasses import replace
 from importlib import import_module
@@ -19,28 +19,32 @@ from morlax_torch.train import train
 from morlax_torch.viewers.player import Player
 from morlax_torch.viewers.playing.episodes import Policy, run, summary
 from morlax_torch.viewers.playing.robot import Disturbances, Robot, open_export
+from morlax_torch.viewers.playing.tour import tour
 
 pytest.importorskip("mjlab", reason="needs the extra mjlab")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 
 GO1 = "mjlab:Mjlab-Velocity-Flat-Unitree-Go1"
+NAMES = "go1", "g1", "g1-tour"
 
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory) -> Path:
     """Return a folder with a folder for each shipped policy's export."""
     folder = tmp_path_factory.mktemp("exported")
-    for name in ("go1", "g1"):
+    for name in NAMES:
         export.command([name, "--slew", "0.5", "--output", str(folder / name / "family.onnx")])
     return folder
 
 
-@pytest.mark.parametrize("name", ["go1", "g1"])
+@pytest.mark.parametrize("name", NAMES)
 def test_every_step_equals_one_of_mjlab(exported, name):
     deployment, command = open_export(exported / name), np.array([0.6, 0.2, -0.3])
     config = load(name, "cpu").config
-    env, robot = calm(config.env, 1), Robot(deployment)
+    env = calm(config.env, 1, edit=lambda cfg: cfg.actions.pop("harness", None))
+    entity, robot = env.scene["robot"], Robot(deployment)
+    entity.set_joint_position_target(entity.data.default_joint_pos)  # `play` holds the arms, too
     env.command_manager.get_term("twist").command.copy_(torch.tensor(command)[None])
     seen = env.observation_manager.compute_group("actor")
     ours, theirs = Policy(deployment), Policy(deployment)
@@ -156,8 +160,10 @@ def test_two_terms_of_one_function_are_two_observations(monkeypatch):
     [
         ("go1", 4, 0),
         ("g1", 4, 0),
+        ("g1-tour", 4, 0),
         pytest.param("go1", 20, 0, marks=pytest.mark.long),
         pytest.param("g1", 10, 0, marks=pytest.mark.long),
+        pytest.param("g1-tour", 10, 0, marks=pytest.mark.long),
     ],
 )
 def test_disturbed_episodes_while_the_trade_off_changes(exported, name, episodes, falls):
@@ -165,3 +171,10 @@ def test_disturbed_episodes_while_the_trade_off_changes(exported, name, episodes
     total = summary(run(deployment, episodes, seconds=30.0))
     assert total.falls <= falls and total.seconds > 27 * episodes
     assert total.error < 0.3
+
+
+def test_the_robot_of_the_tour_stands_its_first_punches(exported):
+    deployment = open_export(exported / "g1-tour", "0,1,0,0")
+    runs = [tour(deployment, Policy(deployment), run_id, seconds=10.0) for run_id in range(6)]
+    assert all(run.completed for run in runs)
+    assert np.mean([run.position for run in runs]) < 15  # cm
