@@ -21,7 +21,7 @@ RESULTS = DOCS.parent / "benchmarks" / "results"
 HEADING = "## Shipped policies\n"
 ABOUT = """
 The package ships one hypernetwork each for ant, bruce, cheetah, cheetah3, hopper, humanoid and
-walker, and a [Go1 and a G1 of mjlab](mjlab.md). Commands accept a name in place of a run, and
+walker, and a [Go1 and two G1s of mjlab](mjlab.md). Commands accept a name in place of a run, and
 `morlax_torch.load("ant")` loads one. Each front shows the returns of 512 trade-offs, each strip a
 row for every objective alone and one for all equally, in equal steps of time. `docs/gallery.py`
 writes this section.

@@ -3,6 +3,7 @@
 import math
 import os
 from functools import cache
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from torch import Tensor, nn
 from .. import envs
 from ..configuration.config import Config, load_config
 from ..configuration.tradeoffs import even_tradeoffs, one_tradeoff, parse_tradeoff, sample_cells
-from ..envs.errors import LONGEST, MorlaxError, line
+from ..envs.errors import LONGEST, MorlaxError, line, unknown
 from ..envs.worlds.options import check_objectives
 from ..networks.unbounded import GaussianMLP
 from ..runs.checkpoint import RSL_RL
@@ -70,8 +71,10 @@ class ParetoPPO(PPO):
     def __init__(self, obs: TensorDict, env: Any, cfg: dict[str, Any], device: str):
         algorithm = resolve_symmetry_config(cfg["algorithm"], env)
         algorithm.pop("class_name")
-        options = take_options(algorithm)
+        options, theirs = take_options(algorithm), signature(PPO).parameters
         _check_supported(cfg)
+        if other := next((name for name in algorithm if name not in theirs), None):
+            raise unknown("option of ParetoPPO", other, [*type(options).model_fields, *theirs])
         cfg["obs_groups"] = groups = resolve_obs_groups(obs, cfg["obs_groups"], ["actor", "critic"])
         split = options.objectives, options.guide
         bind = cache(lambda: ObjectiveRewards(terms_of(env, options.terms), *split))
