@@ -225,56 +225,50 @@ def cmorl() -> str:
     return markdown(head, lines)
 
 
-WALK = "velocity error (m/s)", "speed (m/s)", "speed (share of the commanded)", "power (W)"
-
-
-def walk(name: str, rows: Sequence[Row], columns: Sequence[str] = WALK) -> list[str]:
-    """Return a line of how policies walk, with one number per row in each cell."""
-    error, speed, share, power = (values(rows, column) for column in columns)
-    commanded = [one / part for one, part in zip(speed, share, strict=True)]
-    cells = (error, 3), (commanded, 2), (share, 2), (power, 1)
-    return [name, *(listed(numbers, digits) for numbers, digits in cells)]
-
-
 def mjlab() -> str:
-    go1, g1 = read("mjlab-go1-h100.csv"), read("mjlab-g1-h100.csv") + read("mjlab-g1-h200.csv")
-    ours = tuple(f"the config, seed {seed}, " for seed in range(3))
-    theirs = "mjlab's own training"
     lines = []
-    for name, rows, run, policy in (
-        ("Go1, tracks best", go1, ours, "best tracking"),
-        ("Go1, least power", go1, ours, "least power"),
-        ("G1, tracks best", g1, ours, "best tracking"),
-        ("G1, least power", g1, ours, "least power"),
-        ("mjlab's G1, {}, {}, H200", g1, theirs, ""),
+    for robot, rows in (
+        ("Go1", read("mjlab-go1-real-h200.csv")),
+        ("G1", read("mjlab-g1-real-h200.csv")),
     ):
-        chosen = [row for row in rows if row["run"].startswith(run) and row["policy"] == policy]
-        seconds, steps = chosen[0]["run"].split(", ")[-2:]
-        lines.append(walk(name.format(seconds, steps), chosen))
-    for place, weights in ((2, "default weights"), (3, "tracking weights")):
-        (row,) = read("mjlab-go1-outside-h200.csv", what=f"{theirs}, {weights}")
-        name = f"mjlab's Go1, {int(row['worlds']):,} worlds, {weights}"
-        line = walk(name, [row], ("velocity_error_m_s", "speed_m_s", "speed_share", "power_W"))
-        lines.insert(place, line)
-    repeats = read("pareto-go1-h200.csv", policy="own weights")
-    plain = walk("", [row for row in repeats if row["run"].startswith("plain PPO, seed")])
-    name = f"{lines[2][0]}, seeds 0, 200, 201, 202"
-    lines[2] = [name, *map(", ".join, zip(lines[2][1:], plain[1:], strict=True))]
-    real_go1, real_g1 = read("mjlab-go1-real-h200.csv"), read("mjlab-g1-real-h200.csv")
-    peer = "mjlab's Go1, real sensors, 16,384 worlds, default weights, {}"
-    for index, rows, run, policy, words in (
-        (2, real_go1, "real", "best tracking", "Go1, real sensors, {}, tracks best"),
-        (3, real_go1, "real", "least power", "Go1, real sensors, {}, least power"),
-        (6, real_go1, theirs, "", peer),
-        (9, real_g1, "real", "best tracking", "G1, real sensors, {}, tracks best"),
-        (10, real_g1, "real", "least power", "G1, real sensors, {}, least power"),
-    ):
-        chosen = [row for row in rows if row["run"].startswith(run) and row["policy"] == policy]
-        seeds = ", ".join(row["run"].rsplit(" ", 1)[1] for row in chosen)
-        named = words.format(f"seed{'s' if len(chosen) > 1 else ''} {seeds}")
-        lines.insert(index, walk(named, chosen))
+        for name, run, policy in (
+            (f"{robot}, {{}}, tracks best", "real", "best tracking"),
+            (f"{robot}, {{}}, least power", "real", "least power"),
+            (f"mjlab's {robot}, {{}}", "mjlab's own training", ""),
+        ):
+            chosen = [row for row in rows if row["run"].startswith(run) and row["policy"] == policy]
+            if chosen:
+                seeds = ", ".join(row["run"].rsplit(" ", 1)[1] for row in chosen)
+                seeds = f"seed{'s' if len(chosen) > 1 else ''} {seeds}"
+                lines.append([name.format(seeds), *walk(chosen)])
     head = ["", "error of the velocity, m/s", "commanded speed, m/s", "share of it", "power, W"]
     return markdown(head, lines)
+
+
+def walk(rows: Sequence[Row]) -> list[str]:
+    """Return cells of how policies walk, with one number per row in each."""
+    speed, share = values(rows, "speed (m/s)"), values(rows, "speed (share of the commanded)")
+    commanded = [one / part for one, part in zip(speed, share, strict=True)]
+    error, power = values(rows, "velocity error (m/s)"), values(rows, "power (W)")
+    return [listed(error, 3), listed(commanded, 2), listed(share, 2), listed(power, 1)]
+
+
+def tour() -> str:
+    columns = {
+        "survival (s)": ("survival, s", 1),
+        "completed (%)": ("completed, %", 0),
+        "position error (cm)": ("position, cm", 0),
+        "yaw error (deg)": ("yaw, degrees", 0),
+        "walk energy (kJ)": ("energy, kJ", 1),
+        "vibration (1e6 rad/s^2)": ("vibration", 2),
+    }
+    lines = []
+    for row in read("mjlab-tour-cpu.csv", runs="256"):
+        seed = row["run"].partition(",")[0]
+        weights = ", ".join(row[name] for name in ("survival", "tracking", "energy", "vibration"))
+        cells = (number(float(row[name]), digits) for name, (_, digits) in columns.items())
+        lines.append([f"{seed}: {weights}", *cells])
+    return markdown(["trade-off", *(name for name, _ in columns.values())], lines)
 
 
 def throughput() -> str:
@@ -304,7 +298,7 @@ def gpus() -> str:
 
 FUNCTIONS = (
     *(readme, targets, volumes, ahead, times, few_steps),
-    *(pgmorl, cmorl, mjlab, throughput, gpus),
+    *(pgmorl, cmorl, mjlab, tour, throughput, gpus),
 )
 TABLES = {function.__name__: function for function in FUNCTIONS}
 

@@ -188,7 +188,7 @@ NOT_RUN = {  # part of a command line: why no test runs it
     "python benchmarks/": "takes minutes to hours; test_compare.py imports some",
     "python docs/examples/": "test_examples.py does",
     "morlax export runs/cheetah": "test_documents.py and test_export.py do",
-    "morlax export go1": "needs mjlab; test_mjlab_play.py exports it",
+    **dict.fromkeys(("morlax export go1", "morlax export g1"), "test_mjlab_play.py does"),
     "morlax choose g1": "needs mjlab; test_mjlab.py chooses",
     "morlax play": "needs the export of a task of mjlab; test_mjlab_play.py has one",
     "Pareto-Velocity": "needs mjlab; test_pareto_mjlab.py trains and plays it",
