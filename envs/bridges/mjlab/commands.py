@@ -14,7 +14,7 @@ EVEN = 0.5  # share of episodes that start anywhere in a motion
 VELOCITY, MOTION = "UniformVelocityCommand", "MotionCommand"  # mjlab's classes
 NEVER = 1e6  # s; a motion that is drawn so rarely changes only at its end and with an episode
 
-Masked = Callable[[Tensor, Callable[[], None]], None]
+Masked = Callable[[str, Tensor, Callable[[], None]], None]
 
 
 class Velocity:
@@ -100,7 +100,8 @@ class Motion:
         last_counts.copy_(torch.where(failed.any(), counts, last_counts))
         term.time_steps += 1
         ended = self._borders[term.time_steps] & ~over
-        self._masked(over | ended, partial(term._resample_command, self._everyone))
+        resample = partial(term._resample_command, self._everyone)
+        self._masked("motion", over | ended, resample)
         # mjlab moves on after drawing
         term.time_steps.add_(over & ~self._borders[term.time_steps + 1])
         term._pending_forward = False  # the step computes positions of bodies anyway

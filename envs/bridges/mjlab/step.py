@@ -24,6 +24,8 @@ EVENTS = "reset_root_state_uniform", "reset_joints_by_offset", PUSH, "randomize_
 LEVELS = "terrain_levels_vel"  # of the curriculum
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
 MOCAP = "mocap_pos", "mocap_quat"  # of models with such bodies, which events move
+SENSED = "sensor_subtree_vel", "sensor_rne_postconstraint"  # what MuJoCo Warp computes for sensors
+KNOWN = "mjlab.", __name__.removesuffix("step")
 
 Groups = dict[str, Tensor]  # of observations, (N, ...) each
 
@@ -34,6 +36,7 @@ class MaskedStep:
     def __init__(self, env: Any, groups: tuple[str, ...], restarts: bool = True):
         self.env, self.groups, self.restarts = env, groups, restarts
         self.slots: list[tuple[Any, Any, Tensor]] = []  # holder, key, tensor
+        self._untouched: dict[str, set[tuple[int, Any]]] = {}  # by names of masked runs
         self.everyone = torch.arange(env.num_envs, device=env.device)
         manager = env.command_manager
         terms = [manager.get_term(name) for name in manager.active_terms]
@@ -43,6 +46,10 @@ class MaskedStep:
                 sensor._extract_yaw_rotation = _yaw
         moved = MOCAP if env.sim.mj_model.nmocap else ()
         self.physics = [getattr(env.sim.data, name)[:] for name in (*STATE, *moved)]
+        # another's action or sensor may read them in every step of physics
+        readers = [*env.action_manager._terms.values(), *env.scene.sensors.values()]
+        known = all(type(reader).__module__.startswith(KNOWN) for reader in readers)
+        self._sensed = {name: getattr(env.sim.wp_model, name) for name in SENSED if known}
         self._constants = Constants()
 
     def __call__(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
@@ -58,9 +65,10 @@ class MaskedStep:
         self.slots = [(holder, key, holder[key]) for holder, key in _slots(env)]
         with self._constants:
             env.action_manager.process_action(action)
-            for _ in range(env.cfg.decimation):
+            for left in reversed(range(env.cfg.decimation)):
                 env.action_manager.apply_action()
                 env.scene.write_data_to_sim()
+                self._sense(left == 0)
                 sim.step()
                 env.scene.update(dt=env.physics_dt)
             env.episode_length_buf += 1
@@ -84,6 +92,11 @@ class MaskedStep:
         sim.use_cuda_graph = graphs
         return groups, ending, terminated, timed_out
 
+    def _sense(self, read: bool) -> None:
+        """Compute momenta and forces of bodies for sensors in steps after which they are read."""
+        for name, value in self._sensed.items():
+            setattr(self.env.sim.wp_model, name, value and read)
+
     def settle(self) -> None:
         """Put what mjlab has kept in new tensors into those that a recorded step reads."""
         for holder, key, value in self.slots:
@@ -99,8 +112,7 @@ class MaskedStep:
             left -= self.env.step_dt
             due = left < 1e-6
             refill(due, torch.empty_like(left).uniform_(*term.interval_range_s), left)
-            rows = [] if term.func.__name__ == PUSH else None
-            self._masked(due, lambda term=term: self._run(term), rows)
+            self._masked(term.func.__name__, due, partial(self._run, term))
 
     def _intervals(self) -> Iterator[tuple[Any, Tensor]]:
         """Return events that happen at intervals, and the seconds until each, (N,)."""
@@ -129,7 +141,7 @@ class MaskedStep:
                     stateful.reset(env_ids=self.everyone)
             env.episode_length_buf.zero_()
 
-        self._masked(over, restart)
+        self._masked("restart", over, restart)
         for term, left in self._intervals():
             refill(over, torch.empty_like(left).uniform_(*term.interval_range_s), left)
         for command in self.commands:
@@ -147,17 +159,23 @@ class MaskedStep:
     def _run(self, term: Any) -> None:
         term.func(self.env, self.everyone, **term.params)
 
-    def _masked(self, mask: Tensor, run: Callable[[], None], rows: Any = None) -> None:
-        """Let `run` change physics and `rows`, and keep its changes where the mask (N,) is true.
+    def _masked(self, name: str, mask: Tensor, run: Callable[[], None]) -> None:
+        """Let `run` change the worlds of a mask (N,): physics and tensors of mjlab with N rows.
 
-        Without them, that is all tensors of mjlab that have a row for each world.
+        Tensors that a run of this `name` once left alone are left alone by all.
         """
-        if rows is None:
-            held = [holder[key] for holder, key in _slots(self.env)]
-            rows = [value for value in held if value.ndim and len(value) == self.env.num_envs]
-        state, others = [*self.physics, *rows], ~mask
+        untouched = self._untouched.setdefault(name, set())
+        rows = {}
+        for holder, key in _slots(self.env):
+            value, at = holder[key], (id(holder), key)
+            if value.ndim and len(value) == self.env.num_envs and at not in untouched:
+                rows[at] = value
+        state, others = [*self.physics, *rows.values()], ~mask
         before = [value.clone() for value in state]
+        # how often PyTorch has written to each
+        versions = {at: value._version for at, value in rows.items() if not value.is_inference()}
         run()
+        untouched |= {at for at, version in versions.items() if rows[at]._version == version}
         for value, old in zip(state, before, strict=True):
             refill(others, old, value)
 
