@@ -2,7 +2,7 @@
 
 python tests/faults.py                # all of them, one at a time
 python tests/faults.py ppo.py envs/   # those of files whose names contain a word
-python tests/faults.py --tenth 12     # every tenth, from the third on (12 = 10 + 2)
+python tests/faults.py --twentieth 22 # every twentieth, from the third on (22 = 20 + 2)
 """
 
 import argparse
@@ -41,9 +41,9 @@ def read() -> list[dict[str, str]]:
 
 
 def chosen(
-    every: list[dict[str, str]], words: list[str], tenth: int | None
+    every: list[dict[str, str]], words: list[str], twentieth: int | None
 ) -> list[dict[str, str]]:
-    part = every if tenth is None else every[tenth % 10 :: 10]
+    part = every if twentieth is None else every[twentieth % 20 :: 20]
     return [f for f in part if not words or any(word in f["file"] for word in words)]
 
 
@@ -94,11 +94,12 @@ def main() -> int:
     about = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=about)
     parser.add_argument("words", nargs="*", help="parts of the names of the files with faults")
-    parser.add_argument("--tenth", type=int, metavar="K", help="inject a tenth, the K-th modulo 10")
+    said = "inject a twentieth, the K-th modulo 20"
+    parser.add_argument("--twentieth", type=int, metavar="K", help=said)
     arguments = parser.parse_args()
     every = read()
-    faults = chosen(every, arguments.words, arguments.tenth)
-    # those outside the tenth too: a change that makes a fault stale fails at once
+    faults = chosen(every, arguments.words, arguments.twentieth)
+    # those outside the twentieth too: a change that makes a fault stale fails at once
     stale = [f for f in every if f not in faults and occurrences(f, TESTS.parent) != 1]
     for fault in stale:
         print(f"STALE  {fault['file']}: {fault['old']}", flush=True)
@@ -118,7 +119,9 @@ def main() -> int:
             print(f"{result}  {seconds:.0f} s  {fault['file']}: {fault['old']}", flush=True)
             if result != "caught":
                 print(f"    pytest {fault['tests']}", flush=True)
-    which = "" if arguments.tenth is None else f" (tenth {arguments.tenth % 10} of 0 to 9)"
+    which = (
+        "" if arguments.twentieth is None else f" (twentieth {arguments.twentieth % 20} of 0 to 19)"
+    )
     print(f"{found['caught']} of {len(faults)} faults are caught{which}, {len(stale)} others stale")
     return int(found["caught"] < len(faults) or bool(stale))
 

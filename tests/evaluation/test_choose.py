@@ -329,7 +329,7 @@ def test_the_search_comes_close_to_a_dense_scan(three, monkeypatch):
     front = Front(("left", "right"), weights, every[some], lengths, np.zeros(2), falls)
     chooser = Chooser(load(three), front)
     losses = []
-    for _ in range(20):
+    for _ in range(8):
         required, maximized = random.permutation(2)
         least = random.uniform(*np.quantile(every[some, required], (0.2, 0.8)))
         names = front.objectives[required], front.objectives[maximized]

@@ -158,9 +158,9 @@ def test_two_terms_of_one_function_are_two_observations(monkeypatch):
 @pytest.mark.parametrize(
     ("name", "episodes", "falls"),
     [
-        ("go1", 4, 0),
-        ("g1", 4, 0),
-        ("g1-tour", 4, 0),
+        ("go1", 2, 0),
+        ("g1", 2, 0),
+        ("g1-tour", 2, 0),
         pytest.param("go1", 20, 0, marks=pytest.mark.long),
         pytest.param("g1", 10, 0, marks=pytest.mark.long),
         pytest.param("g1-tour", 10, 0, marks=pytest.mark.long),
