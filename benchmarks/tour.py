@@ -1,6 +1,7 @@
 """Score trade-offs of a run by the rules of the teleop-walking-benchmark, in C MuJoCo.
 
     python benchmarks/tour.py runs/tour --tradeoffs 16 --runs 64 --output rows.csv
+    python benchmarks/tour.py runs/tour --tradeoff 0,1,0,0 --runs 256 --first 64 # of these, again
 
 Writes a row for each trade-off. RUN is a run of Mjlab-Tour-Flat-Unitree-G1, which is exported with
 mjlab, or the folder of an export whose trade-off is an input.
@@ -14,7 +15,7 @@ from row_files import write_rows
 
 from morlax_torch.commands import export
 from morlax_torch.commands.terminal.cli import console
-from morlax_torch.configuration.tradeoffs import even_tradeoffs
+from morlax_torch.configuration.tradeoffs import even_tradeoffs, parse_tradeoff
 from morlax_torch.exports.deployment import SETTINGS
 from morlax_torch.viewers.playing.robot import open_export
 from morlax_torch.viewers.playing.tour import WALK, score
@@ -23,7 +24,9 @@ from morlax_torch.viewers.playing.tour import WALK, score
 def main(
     run: tyro.conf.Positional[Path],
     tradeoffs: int = 16,
+    tradeoff: tuple[str, ...] = (),
     runs: int = 64,
+    first: int = 0,
     seconds: float = WALK,
     output: Path = Path("tour.csv"),
 ) -> None:
@@ -32,7 +35,9 @@ def main(
     Args:
         run: Folder of a run or of an export.
         tradeoffs: Number of trade-offs, spread evenly.
+        tradeoff: These trade-offs instead, such as 0,1,0,0.
         runs: Number of runs of each.
+        first: Id of the first run; other ids have other commands, arms and punches.
         seconds: Duration of a run.
         output: CSV file of rows.
     """
@@ -41,10 +46,12 @@ def main(
             export.command([str(run), "--output", f"{folder}/family.onnx"])
             run = Path(folder)
         objectives = open_export(run).settings.objectives
+        chosen = [parse_tradeoff(text, objectives) for text in tradeoff]
         rows = []
-        for weights in even_tradeoffs(tradeoffs, len(objectives)).tolist():
+        for weights in chosen or even_tradeoffs(tradeoffs, len(objectives)).tolist():
             row = dict(zip(objectives, weights, strict=True))
-            row |= score(run, runs, weights, seconds) | {"runs": runs, "seconds": seconds}
+            row |= score(run, runs, weights, seconds, first)
+            row |= {"runs": runs, "seconds": seconds, "first run id": first}
             rows.append({name: f"{value:.4g}" for name, value in row.items()})
             write_rows(output, rows)
             console.print(", ".join(f"{name} {value}" for name, value in rows[-1].items()))

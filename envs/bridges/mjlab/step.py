@@ -25,7 +25,7 @@ LEVELS = "terrain_levels_vel"  # of the curriculum
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")  # of mj_data
 MOCAP = "mocap_pos", "mocap_quat"  # of models with such bodies, which events move
 SENSED = "sensor_subtree_vel", "sensor_rne_postconstraint"  # what MuJoCo Warp computes for sensors
-KNOWN = "mjlab.", __name__.removesuffix("step")
+PACKAGES = "mjlab.", __name__.removesuffix("step")
 
 Groups = dict[str, Tensor]  # of observations, (N, ...) each
 
@@ -48,8 +48,8 @@ class MaskedStep:
         self.physics = [getattr(env.sim.data, name)[:] for name in (*STATE, *moved)]
         # another's action or sensor may read them in every step of physics
         readers = [*env.action_manager._terms.values(), *env.scene.sensors.values()]
-        known = all(type(reader).__module__.startswith(KNOWN) for reader in readers)
-        self._sensed = {name: getattr(env.sim.wp_model, name) for name in SENSED if known}
+        names = SENSED if all(type(x).__module__.startswith(PACKAGES) for x in readers) else ()
+        self._sensed = {name: getattr(env.sim.wp_model, name) for name in names}
         self._constants = Constants()
 
     def __call__(self, action: Tensor) -> tuple[Groups, Groups, Tensor, Tensor]:
@@ -167,15 +167,15 @@ class MaskedStep:
         untouched = self._untouched.setdefault(name, set())
         rows = {}
         for holder, key in _slots(self.env):
-            value, at = holder[key], (id(holder), key)
-            if value.ndim and len(value) == self.env.num_envs and at not in untouched:
-                rows[at] = value
+            value, slot = holder[key], (id(holder), key)
+            if value.ndim and len(value) == self.env.num_envs and slot not in untouched:
+                rows[slot] = value
         state, others = [*self.physics, *rows.values()], ~mask
         before = [value.clone() for value in state]
         # how often PyTorch has written to each
-        versions = {at: value._version for at, value in rows.items() if not value.is_inference()}
+        counts = {slot: x._version for slot, x in rows.items() if not x.is_inference()}
         run()
-        untouched |= {at for at, version in versions.items() if rows[at]._version == version}
+        untouched |= {slot for slot, count in counts.items() if rows[slot]._version == count}
         for value, old in zip(state, before, strict=True):
             refill(others, old, value)
 

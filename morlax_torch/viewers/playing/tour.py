@@ -200,9 +200,13 @@ def tour(deployment: Export, policy: Policy, run_id: int, seconds: float = WALK)
 
 
 def score(
-    path: Path, runs: int, tradeoff: Sequence[float] | None = None, seconds: float = WALK
+    path: Path,
+    runs: int,
+    tradeoff: Sequence[float] | None = None,
+    seconds: float = WALK,
+    first: int = 0,
 ) -> dict[str, float]:
-    """Return the columns of the table for an export, after the run ids from 0 on.
+    """Return the columns of the table for an export, after the run ids from `first` on.
 
     Energy and vibration are means of completed runs, nan if few are completed; those "of all" also
     count runs that end with a fall, per duration of a completed run. `tradeoff` (m,) need not sum
@@ -215,7 +219,8 @@ def score(
     if tradeoff is not None and not Policy(deployment).slides:
         raise MorlaxError(f"{path} has a fixed trade-off: leave --tradeoff out.")
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as processes:
-        for row in processes.map(partial(_run, path, tradeoff, seconds), range(runs)):
+        ids = range(first, first + runs)
+        for row in processes.map(partial(_run, path, tradeoff, seconds), ids):
             rows.append(row)
             phase("touring", len(rows) / runs)
     table = np.array(rows)
