@@ -100,6 +100,15 @@ UNUSABLE = {
         {"sampling": {"focus": [1.0, 0.0, 0.5]}, "max_env_steps": None},
         "needs max_env_steps or",
     ),
+    "a focus that an algorithm would ignore": (
+        {
+            "algorithm": "hyper-morl",
+            "network": {"type": "single"},
+            "sampling": {"corners": 0, "focus": [1.0, 0.0, 0.5]},
+            "max_env_steps": 9,
+        },
+        "sampling.focus is .*, but algorithm hyper-morl needs None: leave it out",
+    ),
     "dense": ({"worlds": 60, "sampling": {"mode": "dense"}}, "must divide the 60 worlds"),
     "32 objectives": (
         {"task": {"objectives": {f"run {i}": {"run": 1.0} for i in range(32)}}},

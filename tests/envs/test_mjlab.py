@@ -211,6 +211,9 @@ def test_tuned_values_fit_the_task_and_the_device(env):
     assert config.task.guide and "tracking" in config.task.objectives
     gpu, cpu = (load_config(task_values(env, where, "hyper-sac")) for where in ("cuda", "cpu"))
     assert gpu.worlds >= 1024 and cpu.worlds == 128
+    for algorithm, ignored in (("hyper-sac", False), ("independent", True), ("hyper-morl", True)):
+        focus = load_config(task_values(env, "cuda", algorithm)).sampling.focus
+        assert (focus is None) == ignored
 
 
 MISTAKES = [
