@@ -86,7 +86,7 @@ class VecEnvWorlds(ForeignWorlds):
                     "evaluation.tradeoffs or evaluation.seeds."
                 )
             self.action_size = int(self.env.num_actions)
-            self._features(self.env.reset())
+            self._size(_by_group(self.env.reset()))
             still = torch.zeros(worlds, self.action_size, dtype=torch.float32, device=self.device)
             _, _, _, extras = self.env.step(still)
             self.reward_terms = tuple(self.read_terms(self.env, extras))
@@ -134,10 +134,11 @@ class VecEnvWorlds(ForeignWorlds):
             )
         return value[: self.num_worlds]
 
-    def _features(self, groups: Any) -> Tensor:
-        if isinstance(groups, tuple):  # with extras, from a reset
-            groups = groups[0]
-        if isinstance(groups, Tensor):
-            groups = {"actor": groups}
-        self._size(groups)
-        return self._joined(groups)[: self.num_worlds]
+    def _features(self, observation: Any) -> Tensor:
+        return self._joined(_by_group(observation))[: self.num_worlds]
+
+
+def _by_group(observation: Any) -> Any:
+    if isinstance(observation, tuple):  # with extras, from a reset
+        observation = observation[0]
+    return {"actor": observation} if isinstance(observation, Tensor) else observation

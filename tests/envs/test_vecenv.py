@@ -70,6 +70,17 @@ def test_rewards_and_ends_are_those_of_the_environment():
         assert step.truncated.tolist() == [number == 8, number == 8, False]
 
 
+def test_groups_of_observations_are_checked_once(monkeypatch):
+    checked, task = [], envs.get(NAME)
+    size = task._size
+    monkeypatch.setattr(task, "_size", lambda *args: checked.append(size(*args)))
+    env = envs.make(NAME, 3, "cpu")
+    for _ in range(9):
+        env.step(torch.ones(3, 1))
+    env.reset()
+    assert len(checked) == 1
+
+
 def test_a_world_that_is_over_earns_nothing_in_an_evaluation():
     env = envs.make(NAME, 2, "cpu", auto_reset=False)
     total = sum(env.step(torch.ones(2, 1)).reward for _ in range(12))
