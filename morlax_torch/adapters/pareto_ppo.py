@@ -300,8 +300,8 @@ class ParetoPPO(PPO):
         """Load a family, or start every trade-off from the policy of a plain checkpoint.
 
         Raises:
-            MorlaxError: the family has other objectives, features, layers or evaluation worlds, or
-                the plain checkpoint other layers.
+            MorlaxError: the family has other objectives, features, layers, evaluation worlds or
+                another optimizer, or the plain checkpoint other layers.
         """
         family = loaded_dict.get(FAMILY)
         if family is None:
@@ -328,6 +328,11 @@ class ParetoPPO(PPO):
             for name, value in self._kind().items():
                 if family[name] != value:
                     raise RuntimeError(f"its {name} are {family[name]}, not {value}")
+            if load_cfg is None or load_cfg.get("optimizer"):
+                groups = family["optimizer"]["param_groups"], self.optimizer.param_groups
+                saved, own = ("adam" if "betas" in first else "sgd" for first, *_ in groups)
+                if saved != own:
+                    raise RuntimeError(f"its optimizer is {saved}, not {own}")
             self._rollouts = family["rollouts"]
             if load_cfg is None and self.front and family["front"]:
                 self.front.load_state_dict(family["front"])
@@ -335,8 +340,9 @@ class ParetoPPO(PPO):
             return super().load(states, load_cfg, strict)
         except RuntimeError as error:
             raise MorlaxError(
-                "the checkpoint holds a family of other objectives, features, layers or evaluation "
-                f"worlds: train with the options that it has ({line(error)[:LONGEST]})."
+                "the checkpoint holds a family of other objectives, features, layers, evaluation "
+                "worlds or another optimizer: train with the options that it has "
+                f"({line(error)[:LONGEST]})."
             ) from None
 
 

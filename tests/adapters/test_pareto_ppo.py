@@ -461,6 +461,10 @@ def test_a_family_of_other_features_is_one_sentence(trained, tmp_path):
         make(features=5).load(str(trained[1] / "model_59.pt"))
     with pytest.raises(MorlaxError, match=r"'saving'\], not \['saving', 'tracking'\]"):
         make(objectives=dict(reversed(OBJECTIVES.items()))).load(str(trained[1] / "model_59.pt"))
+    descending = make(optimizer="sgd")
+    with pytest.raises(MorlaxError, match="its optimizer is adam, not sgd"):
+        descending.load(str(trained[1] / "model_59.pt"))
+    descending.load(str(trained[1] / "model_59.pt"), {"actor": True})  # to play
     cfg = settings()
     cfg["actor"]["distribution_cfg"]["std_type"] = "log"  # with as many parameters
     with pytest.raises(MorlaxError, match="std_param, not log_std_param"):
