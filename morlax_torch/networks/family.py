@@ -152,6 +152,14 @@ class Generated(Family):
             raise MorlaxError(
                 f"the target's parameters must be of one floating type, not {' and '.join(types)}."
             )
+        for module in target.modules():
+            kind = type(module).__name__.lstrip("_")
+            tracks = getattr(module, "running_mean", None) is not None or kind == "SpectralNorm"
+            if tracks and module.training:
+                raise MorlaxError(
+                    f"the target's {kind} updates buffers in training, which all networks would "
+                    "share: use nn.LayerNorm, or pass the target after .eval()."
+                )
         self.sizes = [shape.numel() for shape in self.shapes.values()]
         # nn.Module does not see the target inside: its own parameters are not used
         self._target = PerThread(copy.deepcopy(target).requires_grad_(False))

@@ -35,7 +35,8 @@ class Hypernetwork(Generated):
         generator: draws the initial f and M.
 
     Raises:
-        MorlaxError: the target is no module with parameters, or there is no objective.
+        MorlaxError: the target is no module with parameters, or updates buffers in training, or
+            there is no objective.
     """
 
     def __init__(

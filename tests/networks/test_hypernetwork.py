@@ -4,6 +4,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import silu
+from torch.nn.utils.parametrizations import spectral_norm
 
 from morlax_torch import Hypernetwork, MorlaxError
 from morlax_torch.networks.family import Conditioned
@@ -166,6 +167,22 @@ def test_targets_of_several_types_are_refused(dtype):
     target.factor = nn.Parameter(torch.ones(2, dtype=dtype), requires_grad=False)
     with pytest.raises(MorlaxError, match="must be of one floating type, not torch"):
         Hypernetwork(target, M)
+
+
+@pytest.mark.parametrize(
+    ("layer", "kind"),
+    [
+        (nn.BatchNorm1d(4), "BatchNorm1d"),
+        (nn.InstanceNorm1d(4, track_running_stats=True), "InstanceNorm1d"),
+        (spectral_norm(nn.Linear(4, 4)), "SpectralNorm"),
+    ],
+)
+def test_targets_that_update_buffers_are_refused_in_training(layer, kind):
+    target = nn.Sequential(nn.Linear(3, 4), layer)
+    with pytest.raises(MorlaxError, match=rf"the target's {kind} .* use nn\.LayerNorm, or pass"):
+        Hypernetwork(target, M)
+    Hypernetwork(target.eval(), M)
+    Hypernetwork(nn.BatchNorm1d(3, track_running_stats=False), M)  # of rows alone
 
 
 @pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])
