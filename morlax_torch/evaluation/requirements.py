@@ -150,7 +150,7 @@ class Choice(NamedTuple):
     cost: float  # of the requirements: best maximized value without them minus this one
     simulated: int  # number of simulated trade-offs; 0: chosen from a `Front` alone
     quantities: dict[str, float]  # by full name, such as "power (W)": measured as the returns
-    falls: float  # share of episodes that failed, which breaks every requirement
+    falls: float  # share of episodes that failed, whose returns and quantities count
     required: Requirements  # without a margin
 
     @property
@@ -168,8 +168,9 @@ class Choice(NamedTuple):
                 f"{required.names[required.maximized]}, which reaches {best:.5g} without them"
             )
         if self.falls:
-            broken = ", which breaks every requirement" if required.limits else ""
-            sentences.append(f"falls: in {self.falls:.0%} of its episodes{broken}")
+            broken = "; in these it keeps no requirement" if required.limits else ""
+            share = f"{self.falls:.0%} of its episodes"
+            sentences.append(f"falls: in {share}, which the values above include{broken}")
         return sentences
 
     def rows(self, spec: str) -> list[list[str]]:

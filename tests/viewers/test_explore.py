@@ -606,14 +606,17 @@ CHOSEN = """
 
 
 @pytest.mark.slow
-def test_a_choice_says_margin_and_cost_and_that_a_fall_breaks_it(visit):
+def test_a_choice_says_margin_and_cost_and_what_a_fall_means(visit):
     kept, falls = run_in(visit(), CHOSEN, [0, 0.004])
     text = (
         "Best of 3 simulated policies: A saved per second 0.75 (0.25 above the limit), "
         "b per second 1; costs 0.5 of b per second."
     )
     assert kept == [text, "found", "b"]  # what is required cannot be maximized
-    broken = " It falls in <1 % of its episodes, which breaks every requirement."
+    broken = (
+        " It falls in <1 % of its episodes, which these values include; in these it keeps no "
+        "requirement."
+    )
     assert falls[:2] == [text + broken, "missed"]
 
 

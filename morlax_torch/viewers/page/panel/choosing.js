@@ -63,7 +63,7 @@ export class ChoosingPanel {
     const most = this.numbers.find(({ index }) => index === maximized);
     const cost = found.cost > 0 ? `; costs ${show(most, found.cost)} of ${named(most)}` : "";
     const how = found.simulated ? `Best of ${found.simulated} simulated policies` : "Best evaluated policy";
-    const falls = found.falls ? ` It falls in ${percent(found.falls)} of its episodes, which breaks every requirement.` : "";
+    const falls = found.falls ? ` It falls in ${percent(found.falls)} of its episodes, which these values include; in these it keeps no requirement.` : "";
     return `${how}: ${parts.join(", ")}${cost}.${falls}`;
   }
 
