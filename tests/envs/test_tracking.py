@@ -10,7 +10,7 @@ import torch
 from calm import calm
 from motions import g1, squat, write_motion, write_squat
 from recordable import check_recordable, check_recorded_step
-from tiny import FEW, tiny
+from tiny import FEW, learner, tiny
 
 from morlax_torch import MorlaxError, envs
 from morlax_torch.configuration.files import task_values
@@ -230,6 +230,21 @@ def test_failures_are_counted_as_in_mjlab_and_draw_episodes_to_their_frames(moti
     shares = torch.bincount(seconds, minlength=3) / 128
     expected = torch.tensor([0.18, 0.3, 0.52])  # half is drawn evenly, and 0.1 of mjlab's counts
     torch.testing.assert_close(shares, expected, rtol=0, atol=0.12)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_resumed_run_keeps_its_counts_of_failures(motion, masked, monkeypatch):
+    monkeypatch.setattr(mjlab_worlds, "supported", lambda *_: masked)
+    resumed = learner(tiny(G1, backend=None, **FEW, **{"task.motion_file": str(motion)}))
+    command = resumed.env.env.command_manager.get_term("motion")
+    command.bin_failed_count[:] = counts = torch.arange(5.0)
+    state = resumed.state_dict()
+    command.bin_failed_count.zero_()
+    resumed.load_state_dict(state)
+    assert torch.equal(command.bin_failed_count, counts)
+    resumed.load_state_dict({**state, "environment": {"levels": []}})  # of an earlier version
+    resumed.iterate()
+    assert command.bin_failed_count.sum() > 9
 
 
 def test_forward_kinematics_and_velocities_are_those_of_mujoco(motion):

@@ -97,13 +97,14 @@ class MjlabWorlds(ForeignWorlds):
         self.action_size = self.env.action_manager.total_action_dim
         manager = self.env.command_manager
         terms = {type(term).__name__: term for term in map(manager.get_term, manager.active_terms)}
+        self._motion = terms.get(MOTION)
         self._measures: Any = None
         if VELOCITY in terms:
             self._measures = Walking(self.env, terms[VELOCITY])
             self.quantities, self.lower_is_better = QUANTITIES, LOWER_IS_BETTER
-        elif MOTION in terms and following.end_effectors(self.env.cfg):
-            self._measures = following.Following(self.env, terms[MOTION])
-            self.follows_part = self.episode_length < terms[MOTION].motion.time_step_total - 1
+        elif self._motion and following.end_effectors(self.env.cfg):
+            self._measures = following.Following(self.env, self._motion)
+            self.follows_part = self.episode_length < self._motion.motion.time_step_total - 1
             self.quantities = self.lower_is_better = following.QUANTITIES
         self._step = MaskedStep(self.env, self.groups, self.restarts) if masked else None
 
@@ -158,11 +159,14 @@ class MjlabWorlds(ForeignWorlds):
         return mirror_of(self.env, self.groups, tolerance, self.lengths)
 
     def state_dict(self) -> dict[str, Any]:
-        """Copy the levels of ground and punches, which take many episodes to rise."""
-        return {"levels": [values.clone() for values in self._levels()]}
+        """Copy levels of ground and punches, and counts of failures, which take many episodes."""
+        failures = {"failures": self._motion.bin_failed_count.clone()} if self._motion else {}
+        return {"levels": [values.clone() for values in self._levels()], **failures}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restart all worlds at stored levels, if they have any."""
+        """Restore counts of failures, and restart all worlds at stored levels, if they have any."""
+        if self._motion and "failures" in state:  # earlier versions did not save them
+            self._motion.bin_failed_count.copy_(state["failures"])
         if levels := state["levels"]:
             self._set_levels(levels)
             self.reset()  # on the ground of these levels, which may change them
