@@ -7,7 +7,6 @@ import torch
 
 from .devices import resolve_device
 from .errors import MorlaxError, shortened, unknown, validated
-from .naming import MJLAB
 from .registry import get
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
@@ -63,22 +62,23 @@ def _check_integer(name: str, value: Any, least: int, most: int, limit: str) -> 
 
 def has_robot(name: str) -> bool:
     """Return whether `make_robot` can make one, so that a task can be shown and exported."""
-    return name.startswith(MJLAB) or issubclass(get(name), Environment)
+    task = get(name)
+    return issubclass(task, Environment) or getattr(task, "simulator", "") == "mjlab"
 
 
 def make_robot(name: str, seed: int = 0, **task_options: Any) -> Robot:
     """Make one world of a MuJoCo robot on the CPU, without automatic reset, to look at."""
-    if name.startswith(MJLAB):
-        from .bridges.mjlab.robot import robot_of
-
-        robot = robot_of(name)
-        options: Any = validated(robot.Options, task_options)
-        return robot(options, 1, torch.device("cpu"), seed, auto_reset=False)
     if not has_robot(name):
         raise MorlaxError(
             f"{name} has no MuJoCo robot, so it cannot be shown, filmed or exported, nor be one "
             "world in gymnasium.make: train it, evaluate it, or use gymnasium.make_vec."
         )
+    if not issubclass(task := get(name), Environment):
+        from .bridges.mjlab.robot import robot_of
+
+        robot: Any = robot_of(task)
+        options = validated(robot.Options, task_options)
+        return robot(options, 1, torch.device("cpu"), seed, auto_reset=False)
     env = make(name, 1, "cpu", "mujoco", seed, auto_reset=False, **task_options)
     assert isinstance(env, Environment)
     return env

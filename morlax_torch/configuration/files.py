@@ -24,17 +24,18 @@ RECORD = """\
 def task_values(env: str, device_type: str, algorithm: str = "morlax") -> dict[str, Any]:
     """Return the tuned values of a task for "cuda" or "cpu".
 
-    They come from configs/<env>.yaml, for "mjlab:TASK" from configs/mjlab/TASK.yaml or else
-    configs/mjlab.yaml, and for all other tasks from configs/default.yaml. A file may change the
-    values of another one, its `base`. An algorithm other than MORLAX changes what
-    configs/algorithms/<algorithm>.yaml says, for the task itself in the section `tasks`. Of a
+    They come from configs/<env>.yaml, for "mjlab:TASK" configs/mjlab/TASK.yaml, else from that of
+    the simulator, such as configs/mjlab.yaml, and for all other tasks from configs/default.yaml. A
+    file may change the values of another one, its `base`. An algorithm other than MORLAX changes
+    what configs/algorithms/<algorithm>.yaml says, for the task itself in the section `tasks`. Of a
     file's section `gpus`, the changes for at most as many GPUs as `torchrun` has started processes
     apply.
     """
-    task, names = envs.get(env), ["default"]
+    task = envs.get(env)
+    names = [getattr(task, "simulator", "default"), "default"]
     if not is_file(env):
         name = env.replace(":", "/")  # of mjlab, a twin with fewer observations has no own values
-        names = [name, name.removesuffix("-No-State-Estimation"), env.partition(":")[0], "default"]
+        names = [name, name.removesuffix("-No-State-Estimation"), *names]
     values = next(filter(None, (_packaged(name, device_type) for name in names)))
     if not task.shows_endings:
         values = merged(values, {"ppo": {"truncation": "mask"}})

@@ -76,7 +76,9 @@ def test_worlds_expose_objectives_spaces_and_limits():
     assert (worlds.observation_size, worlds.action_size, len(worlds.objectives)) == (2, 1, 2)
     assert worlds.dt == math.inf
     assert envs.make("gymnasium:mo-hopper-v5", 1, "cpu").dt == pytest.approx(0.008)
-    assert load_config(task_values(CAR, "cpu")).worlds == 64
+    assert point().objectives == ("reward_0", "reward_1")
+    for name in (CAR, "point"):
+        assert load_config(task_values(name, "cpu")).worlds == 64
 
 
 def test_observations_are_flattened_and_actions_rescaled():

@@ -216,6 +216,18 @@ def test_tuned_values_fit_the_task_and_the_device(env):
         assert (focus is None) == ignored
 
 
+def test_a_task_by_another_name_has_its_robot_and_values():
+    class Brief(envs.get(CARTPOLE)):
+        class Options(envs.get(CARTPOLE).Options):
+            episode_length: int = 20
+
+    envs.register("brief-cartpole", Brief)
+    robot = envs.make_robot("brief-cartpole")
+    assert isinstance(robot, Brief) and robot.episode_length == 20
+    values, expected = (task_values(name, "cpu") for name in ("brief-cartpole", CARTPOLE))
+    assert values == {**expected, "env": "brief-cartpole"}
+
+
 MISTAKES = [
     ("mjlab:Mjlab-Velocity-Flat-Unitree-Go2", {}, "did you mean 'Mjlab-Velocity-Flat-Unitree-Go1'"),
     ("mjlab:Mjlab-Tracking-Flat-Unitree-G1", {}, "--task.motion-file FILE.npz"),

@@ -20,7 +20,7 @@ from ...worlds.mujoco_robot import Deployment, Part, Robot
 from .motion import KEYS, bounds
 from .step import MOCAP
 from .walking import torque_limits
-from .worlds import MjlabWorlds, from_task
+from .worlds import MjlabWorlds
 
 NAMES = {  # mjlab's functions and unitree_rl_lab's terms, where the two differ
     "generated_commands": "velocity_commands",
@@ -43,9 +43,9 @@ SERVO = mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mj
 
 
 @cache
-def robot_of(name: str) -> type["MjlabRobot"]:
-    """Return the class of one robot of "mjlab:TASK"."""
-    return type("MjlabRobot", (MjlabRobot, from_task(name)), {})
+def robot_of(task: type[MjlabWorlds]) -> type["MjlabRobot"]:
+    """Return the class of one robot of a task."""
+    return type("MjlabRobot", (MjlabRobot, task), {})
 
 
 class MjlabRobot(MjlabWorlds, Robot):
