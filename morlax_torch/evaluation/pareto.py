@@ -1,10 +1,14 @@
-"""Pareto indicators, computed by moocore. Every objective is maximized; points are (n, m)."""
+"""Pareto indicators, computed by moocore. Every objective is maximized; points are (n, m).
+
+They may be tensors on any device, also with gradients.
+"""
 
 from itertools import combinations
 
 import moocore
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
 
 from ..envs.errors import MorlaxError
 
@@ -16,8 +20,14 @@ EXACT_POINTS_OF_MORE = 10  # objectives than the table has
 OBEDIENCE_TOLERANCE = 0.01
 
 
+def _array(values: ArrayLike) -> NDArray[np.float64]:
+    if isinstance(values, Tensor):
+        values = values.detach().double().cpu()
+    return np.asarray(values, dtype=np.float64)
+
+
 def _rows(values: ArrayLike, what: str = "points", m: int | None = None) -> NDArray[np.float64]:
-    rows = np.asarray(values, dtype=np.float64)
+    rows = _array(values)
     if rows.ndim != 2 or m not in (None, rows.shape[1]):
         shape = f"(n, {m or 'm'}), one row for each"
         raise MorlaxError(f"{what} are {shape}, but their shape is {rows.shape}.")
@@ -50,7 +60,7 @@ def hypervolume(points: ArrayLike, reference_point: ArrayLike) -> float:
     Exact if `is_exact`, else moocore's deterministic approximation. A point that does not exceed
     the reference point in every objective contributes nothing.
     """
-    points, reference = _rows(points), np.asarray(reference_point, dtype=np.float64)
+    points, reference = _rows(points), _array(reference_point)
     if reference.shape not in ((), points.shape[1:]) or not np.isfinite(reference).all():
         m = points.shape[1]
         raise MorlaxError(f"a reference point of {m} finite numbers is needed, not {reference}.")

@@ -3,6 +3,7 @@
 import moocore
 import numpy as np
 import pytest
+import torch
 
 from morlax_torch import MorlaxError
 from morlax_torch.evaluation import pareto
@@ -29,6 +30,15 @@ def test_duplicates_and_dominated_points_change_nothing():
         lambda points: pareto.igd_plus(points, [[3, 3], [5, 5]]),
     ):
         assert indicator(more) == pytest.approx(indicator(steps))
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16])
+def test_tensors_with_gradients_are_points(dtype):
+    points = torch.tensor([[1.0, 3.0], [2.0, 2.0]], dtype=dtype, requires_grad=True)
+    reference = torch.zeros(2, dtype=dtype, requires_grad=True)
+    assert pareto.hypervolume(points, reference) == 5.0
+    assert pareto.non_dominated(points).tolist() == [True, True]
+    assert points.requires_grad
 
 
 def test_nan_points_are_dominated():
