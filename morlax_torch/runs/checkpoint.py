@@ -78,8 +78,16 @@ class Contents(BaseModel):
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:
-    """Copy the whole state of a learner to the CPU; all processes of its group must call it."""
+    """Copy the whole state of a learner to the CPU; all processes of its group must call it.
+
+    Raises MorlaxError if a number that they share is not finite, since `load` would refuse it.
+    """
     group, state = learner.group, tree_map_only(Tensor, Tensor.cpu, learner.state_dict())
+    shared = {name: state[name] for name in state.keys() - set(learner.per_process)}
+    try:
+        check_state(shared, shared, "learner")
+    except ValueError as error:
+        raise MorlaxError(str(error)) from None
     if group.size > 1:
         _, *state["processes"] = group.gather({name: state[name] for name in learner.per_process})
     return {

@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Self
+from typing import Any, Self
 
 from torch import inference_mode, nn
 
@@ -134,7 +134,7 @@ class Session:
                 raise
             progress.total_seconds = time.perf_counter() - began
             if interrupted:
-                contents = checkpoint.snapshot(learner)
+                contents = self._snapshot()
                 if run:
                     run.save(contents, progress)
 
@@ -193,7 +193,7 @@ class Session:
         iteration = learner.iteration
         now = progress.model_copy(update={"env_steps": learner.env_steps})
         # of several processes, each copies its own state
-        contents = checkpoint.snapshot(learner) if run or learner.group.size > 1 else {}
+        contents = self._snapshot() if run or learner.group.size > 1 else {}
         number = bodies(learner.config)
         front = fronts[0].parts(number)[0]
 
@@ -226,12 +226,9 @@ class Session:
         if metrics["overflow"]:
             remedy = learner.env.remedy(int(metrics["overflow"]))
             raise self._failure(f"contacts overflowed their buffers in {span}: {remedy}")
-        section = "method" if learner.config.method.off_policy else "ppo"
-        remedy = f"try a lower --{section}.learning-rate"
-        if is_file(learner.config.scalarization):
-            remedy += ", or a utility whose derivative is finite at all returns"
-        if blowups >= learner.steps_per_iteration * iterations:  # also before the first update
-            remedy = UNSTABLE
+        # also before the first update
+        simulated = blowups >= learner.steps_per_iteration * iterations
+        remedy = UNSTABLE if simulated else self._remedy()
         for name, value in metrics.items():
             if (name == "entropy" or name.endswith("_loss")) and not math.isfinite(value):
                 raise self._failure(
@@ -240,6 +237,21 @@ class Session:
                 )
         if blowups >= learner.config.worlds * learner.group.size * iterations:
             raise self._failure(f"every world blew up in each rollout of {span}: {UNSTABLE}")
+
+    def _snapshot(self) -> dict[str, Any]:
+        """Copy the learner's state, if it can be read again."""
+        try:
+            return checkpoint.snapshot(self.learner)
+        except MorlaxError as error:
+            iteration = self.learner.iteration
+            raise self._failure(f"{error} after iteration {iteration}: {self._remedy()}") from None
+
+    def _remedy(self) -> str:
+        config = self.learner.config
+        remedy = f"try a lower --{'method' if config.method.off_policy else 'ppo'}.learning-rate"
+        if is_file(config.scalarization):
+            remedy += ", or a utility whose derivative is finite at all returns"
+        return remedy
 
     def _failure(self, sentence: str) -> MorlaxError:
         run = self._output
