@@ -85,9 +85,10 @@ class Symmetric(nn.Module):
             self.register_buffer(f"{name}_sign", reflection.sign)
 
     def forward(self, x: Tensor) -> Tensor:
-        inputs = Reflection(self.inputs_order, self.inputs_sign)
-        outputs = Reflection(self.outputs_order, self.outputs_sign)
-        return self.mixed(self.network(x), outputs(self.network(inputs(x))))
+        # reflections, in operations that torch.jit.script knows
+        image = self.network(x.index_select(-1, self.inputs_order) * self.inputs_sign)
+        image = image.index_select(-1, self.outputs_order) * self.outputs_sign
+        return self.mixed(self.network(x), image)
 
     def mixed(self, plain: Tensor, mirrored: Tensor) -> Tensor:
         """Return f(x) from g(x) and M'g(Mx)."""

@@ -108,16 +108,24 @@ def test_tradeoffs_can_be_lists_tuples_arrays_or_tensors(policy, observation, fo
     torch.testing.assert_close(policy(observation, form(many)), policy(observation, TRADEOFFS))
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"network.type": "dual"},
-        {"network.symmetric": True},
-        {"algorithm": "independent"},
-        {"algorithm": "amor"},
-    ],
-    ids=str,
-)
+KINDS = [
+    {"network.type": "dual"},
+    {"network.symmetric": True},
+    {"algorithm": "independent"},
+    {"algorithm": "amor"},
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:.*torch.jit:FutureWarning")
+@pytest.mark.parametrize("changes", KINDS, ids=str)
+def test_specialized_policies_of_every_kind_can_be_scripted(observation, changes):
+    fixed = varied(**changes).specialize([0.3, 0.7])
+    scripted = torch.jit.script(fixed)
+    assert torch.equal(scripted(observation), fixed(observation))
+
+
+@pytest.mark.parametrize("changes", KINDS, ids=str)
 def test_threads_can_share_a_policy(observation, tmp_path, monkeypatch, changes):
     policy, usual = varied(**changes), Linear.forward
     expected = [policy(observation, w) for w in TRADEOFFS]
