@@ -100,11 +100,11 @@ class Conditioned(Family):
 
     def specialize(self, condition: Tensor) -> nn.Module:
         network = copy.deepcopy(self.network).to(condition.device)
-        return _Fixed(network, on_simplex(condition[None], self._num_objectives))
+        return _Fixed(network, on_simplex(condition, self._num_objectives))
 
 
 class _Fixed(nn.Module):
-    """The network under one condition (1, m + d)."""
+    """The network under one condition (m + d,)."""
 
     condition: Tensor
 
