@@ -41,6 +41,8 @@ def start(env: Any) -> np.ndarray:
 def state(env: Any) -> dict[str, Tensor]:
     """Return the command and `initial_state()`, if these are tensors (N, ...)."""
     tensors, N, limits = by_name(env, "initial_state"), env.num_worlds, len(env.command_limits)
+    # rows of an expanded tensor share their memory
+    tensors = {name: x.clone() if 0 in x.stride() else x for name, x in tensors.items()}
     try:
         pairs = [(low, high) for low, high in env.command_limits.values()]
         plain = all(isinstance(number, int | float) for pair in pairs for number in pair)

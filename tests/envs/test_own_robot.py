@@ -257,7 +257,7 @@ def test_a_robot_that_draws_goals_can_be_evaluated_in_several_episodes(folder):
 def test_a_declared_command_can_be_steered(folder):
     with (folder / "crawler.py").open("a") as file:
         file.write("\n    command_limits = {'m/s': (-1.0, 1.0)}")
-        command, last = "torch.zeros(2, 1)", "torch.zeros(2, self.action_size)"
+        command, last = "torch.zeros(1).expand(2, 1)", "torch.zeros(2, self.action_size)"
         state = f"{{'command': {command}, 'last': {last}}}"
         file.write(f"\n    def initial_state(self): return {state}\n")
     env = envs.make("crawler.py:Crawler", 2, "cpu")
