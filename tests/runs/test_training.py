@@ -16,7 +16,7 @@ from same import assert_same, rows_of
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tiny import iterate
 
-from morlax_torch import MORLAX, MorlaxError
+from morlax_torch import MORLAX, MorlaxError, evaluate
 from morlax_torch.commands import train as train_command
 from morlax_torch.commands.terminal import cli
 from morlax_torch.commands.terminal.process import exiting_on_signals, interruptible
@@ -72,6 +72,15 @@ def test_the_same_seed_gives_the_same_run_bit_for_bit(changes):
     assert_same(one.state_dict(), same.state_dict())
     other = trainer(tiny(**changes, seed=1), 4)
     assert not torch.equal(one.rollout.action, other.rollout.action)
+
+
+def test_modes_of_torch_around_training_and_evaluations_change_no_number(tmp_path):
+    plain = train(tiny(), output=tmp_path / "plain").folder
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        same, again = train(tiny(), output=tmp_path / "same").folder, evaluate(plain, device="cpu")
+    fronts = [again, *(Front.load(folder / "front.npz") for folder in (plain, same))]
+    returns = [front.returns.tolist() for front in fronts]
+    assert returns == [returns[0]] * 3
 
 
 @pytest.mark.parametrize(("fraction", "factor"), [(1.0, 0.6), (0.8, 0.75), (0.5, 1.0)])
