@@ -139,6 +139,8 @@ def checked_tradeoff(
     if tradeoff.ndim not in (1, 2) or tradeoff.shape[-1] != m:
         many = tradeoff.shape[-1] if tradeoff.ndim in (1, 2) else f"shape {tuple(tradeoff.shape)}"
         raise MorlaxError(f"a trade-off needs {m} numbers ({', '.join(objectives)}), not {many}.")
+    if torch.compiler.is_exporting() or torch._C._are_functorch_transforms_active():
+        return tradeoff  # numbers cannot be looked at
     if not (tradeoff.isfinite() & (tradeoff >= 0)).all() or not (tradeoff.sum(-1) > 0).all():
         raise MorlaxError(
             "a trade-off must be finite, not negative, and not zero in every objective."

@@ -22,7 +22,8 @@ class Policy(nn.Module):
 
     policy(observation, tradeoff) maps (B, O) and (m,) or (B, m) to actions (B, A) in (-1, 1); each
     row may have its own trade-off. Trade-offs need not sum to one, but must not be negative or all
-    zero. Observations may be arrays or tensors of any float type.
+    zero. Observations may be arrays or tensors of any float type. Actions have no gradient, also in
+    `torch.func`; those of `specialize` have one.
 
     Raises:
         MorlaxError: an observation or trade-off has the wrong shape, type or numbers.

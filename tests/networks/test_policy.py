@@ -76,6 +76,13 @@ def test_each_row_can_have_its_own_tradeoff(policy, observation):
     assert (policy(observation[:1].expand(4, -1), TRADEOFFS).std(0) > 1e-3).all()
 
 
+def test_trade_offs_can_be_mapped_and_exported(policy, observation):
+    expected = policy(observation, TRADEOFFS)
+    torch.testing.assert_close(torch.vmap(policy)(observation, TRADEOFFS), expected)
+    program = torch.export.export(policy, (observation, TRADEOFFS))
+    torch.testing.assert_close(program.module()(observation, TRADEOFFS), expected)
+
+
 @pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:.*torch.jit:FutureWarning")
 def test_a_specialized_policy_is_a_plain_module(policy, observation, tmp_path):
