@@ -17,7 +17,7 @@ from torch.export import ExportedProgram
 
 from ..configuration.tradeoffs import dirichlet_tradeoffs
 from ..envs import Environment, MorlaxError, Robot
-from ..envs.errors import installation, unknown
+from ..envs.errors import LONGEST, installation, line, unknown
 from ..host.files import AnyPath, write_file
 from ..host.phases import phase
 from ..host.version import __version__
@@ -84,8 +84,12 @@ def export(
     phase("exporting the policy")
     any_rows = ({0: torch.export.Dim("batch")}, {})[:count]
     with quiet(), torch.no_grad(), torch.device("cpu"):  # also if scripts set another one
-        program = torch.export.export(module, inputs[0], dynamic_shapes=any_rows)
-        data = FORMATS[format].write(program.run_decompositions({}), metadata)
+        try:
+            program = torch.export.export(module, inputs[0], dynamic_shapes=any_rows)
+            data = FORMATS[format].write(program.run_decompositions({}), metadata)
+        except RuntimeError as error:
+            reason = f"cannot represent the network ({line(error)[:LONGEST]})"
+            raise MorlaxError(f"{format} {reason}: try another --format.") from error
         run = FORMATS[format].read(data)
         largest = max(float((run(*each) - module(*each)).abs().max()) for each in inputs)
     if not largest < TOLERANCE:

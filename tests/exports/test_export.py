@@ -204,6 +204,21 @@ def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
+class Stateful(nn.Linear):
+    """A layer that begins with a state of zeros for each row, as a GRUCell does."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        return super().forward(input) + torch.zeros(input.shape[0], self.out_features)
+
+
+def test_a_network_that_torchscript_cannot_represent_is_refused(tmp_path):
+    morlax = learner(tiny(), actor=Stateful(13, 8))
+    found = Policy(morlax.agent, morlax.config, morlax.env.objectives)
+    export_run(found, tmp_path / "it.pt2", "torch-export")
+    with pytest.raises(MorlaxError, match=r"torchscript cannot represent .*: try another --format"):
+        export_run(found, tmp_path / "it.ts", "torchscript")
+
+
 @pytest.fixture
 def saved(trained, workplace: Path) -> Path:
     """Save policy.pt and the metrics of its run in the working directory."""
