@@ -176,6 +176,7 @@ class Learner(ABC):
         # before exploring, while other processes still compile the simulator's kernels
         self.learn.record()
 
+    @torch.inference_mode(False)  # learns also inside a user's no_grad
     def iterate(self, done: float = 0.0) -> None:
         """Run one iteration, of a run of which the share `done` is over, from 0 to 1."""
         interrupted = self.env.interrupted

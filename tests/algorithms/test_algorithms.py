@@ -142,6 +142,15 @@ def test_torch_s_defaults_change_no_number(algorithm, changes, dtypes):
     assert_same(*results)
 
 
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+def test_iterations_learn_inside_a_user_s_no_grad(mode):
+    plain, inside = (trained(tiny(), 0) for _ in range(2))
+    plain.iterate()
+    with mode():
+        inside.iterate()
+    assert_same(plain.state_dict(), inside.state_dict())
+
+
 def test_draws_spread_from_the_focus_until_they_cover_the_simplex():
     learner = trained(small("morlax", 8, **{"sampling.focus": (3.0, 1.0, 0.5)}), 0)
     focus, farthest = torch.tensor([0.75, 0.25]), []
