@@ -92,8 +92,8 @@ class Worlds(ABC):
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise MorlaxError(
-            "worlds cannot be copied or pickled: make others with envs.make, and give them the "
-            "state of these with load_state_dict(worlds.state_dict())."
+            "worlds cannot be copied or pickled: make others with envs.make and the same seed, and "
+            "give them the state of these with load_state_dict(worlds.state_dict())."
         )
 
     @classmethod
@@ -192,7 +192,7 @@ class Worlds(ABC):
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state of the same number of worlds, in place."""
+        """Restore a state of as many worlds, in place; with another seed, starts may differ."""
         assert not state, "these worlds have no state to restore"
 
     def reseed(self, seed: int) -> None:
