@@ -83,7 +83,8 @@ def export(
     metadata = {**manifest(policy, tradeoff, robot), **(metadata or {})}
     phase("exporting the policy")
     any_rows = ({0: torch.export.Dim("batch")}, {})[:count]
-    with quiet(), torch.no_grad(), torch.device("cpu"):  # also if scripts set another one
+    plain = torch.autocast("cpu", enabled=False)
+    with quiet(), torch.no_grad(), torch.device("cpu"), plain:  # also if scripts set others
         try:
             program = torch.export.export(module, inputs[0], dynamic_shapes=any_rows)
             data = FORMATS[format].write(program.run_decompositions({}), metadata)

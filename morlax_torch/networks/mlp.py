@@ -85,9 +85,8 @@ class Symmetric(nn.Module):
             self.register_buffer(f"{name}_sign", reflection.sign)
 
     def forward(self, x: Tensor) -> Tensor:
-        # reflections, in operations that torch.jit.script knows
         image = self.network(x.index_select(-1, self.inputs_order) * self.inputs_sign)
-        image = image.index_select(-1, self.outputs_order) * self.outputs_sign
+        image = image.index_select(-1, self.outputs_order) * self.outputs_sign  # for torch.jit
         return self.mixed(self.network(x), image)
 
     def mixed(self, plain: Tensor, mirrored: Tensor) -> Tensor:

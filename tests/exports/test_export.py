@@ -204,6 +204,11 @@ def test_a_file_that_acts_differently_is_not_written(trained, tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
+def test_autocast_of_a_user_changes_no_file(trained, tmp_path):
+    with torch.autocast("cpu", torch.bfloat16):
+        export_run(trained(), tmp_path / "family.ts", "torchscript")
+
+
 class Stateful(nn.Linear):
     """A layer that begins with a state of zeros for each row, as a GRUCell does."""
 
