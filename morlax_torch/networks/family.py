@@ -57,8 +57,8 @@ def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
     """Scale the trade-offs of conditions (K, m + d) to sum to one (None: d is 0).
 
     Raises:
-        MorlaxError: a trade-off is not finite or sums to zero. Recorded and exported graphs and
-            `torch.func` cannot look at numbers, so there it gives numbers that are not finite.
+        MorlaxError: a trade-off is not finite or sums to 0 or less. Recorded and exported graphs
+            and `torch.func` cannot look at numbers, so there it gives numbers that are not finite.
     """
     m = num_objectives
     if m is not None and m < conditions.shape[-1]:
@@ -68,7 +68,7 @@ def on_simplex(conditions: Tensor, num_objectives: int | None = None) -> Tensor:
     unseen = capturing or torch.jit.is_tracing() or torch.compiler.is_compiling()
     unseen = unseen or torch._C._are_functorch_transforms_active()
     if not (unseen or (conditions.isfinite() & (sums > 0)).all()):
-        raise MorlaxError("a trade-off must be finite, and its weights must not sum to zero.")
+        raise MorlaxError("a trade-off must be finite, and the sum of its weights above 0.")
     return conditions / sums
 
 

@@ -185,10 +185,12 @@ def test_targets_that_update_buffers_are_refused_in_training(layer, kind):
     Hypernetwork(nn.BatchNorm1d(3, track_running_stats=False), M)  # of rows alone
 
 
-@pytest.mark.parametrize("row", [[0.0, 0.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]])
+@pytest.mark.parametrize(
+    "row", [[0.0, 0.0, 0.0], [-1.0, -2.0, 0.0], [float("nan"), 1.0, 0.0], [float("inf"), 1, 1]]
+)
 def test_trade_offs_without_a_direction_are_refused(row):
     for family in (Hypernetwork(nn.Linear(3, 2), M), Conditioned(nn.Linear(6, 2))):
-        with pytest.raises(MorlaxError, match="must be finite, and its weights must not sum to ze"):
+        with pytest.raises(MorlaxError, match="must be finite, and the sum of its weights above 0"):
             family(torch.tensor([[0.2, 0.3, 0.5], row]))
 
 
