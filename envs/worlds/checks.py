@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -73,6 +73,14 @@ class State(dict[str, Tensor]):
                 f"state[{name!r}] cannot be replaced: declare it in initial_state(), and write "
                 f"into it, state[{name!r}].copy_(...)."
             )
+
+    def update(self, *others: Any, **values: Tensor) -> None:
+        for name, value in dict(*others, **values).items():
+            self[name] = value
+
+    def __ior__(self, others: Any) -> Self:
+        self.update(others)
+        return self
 
 
 def by_name(env: Any, method: str) -> dict[str, Tensor]:

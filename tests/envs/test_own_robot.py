@@ -309,6 +309,8 @@ MISTAKES = {  # lines at the end of the class
         "physics.qpos is the simulator's own memory, which no other tensor can replace: write into"
     ),
     "def begin(self, fresh): self.state['x'] = fresh": "state['x'] cannot be replaced: declare it",
+    "def begin(self, fresh): self.state.update(x=fresh)": "state['x'] cannot be replaced",
+    "def begin(self, fresh): self.state |= {'x': fresh}": "state['x'] cannot be replaced",
     "class Options(TaskOptions.__base__): objectives: dict = {}": "be a subclass of TaskOptions",
     "substeps = 0.02 / 0.005": "Crawler.substeps is 4.0: it must be a whole number, at least",
     "def observe(self): return self.physics.qpos.T": "shape (5, 3): it must be a tensor (3, O)",
