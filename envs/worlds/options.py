@@ -19,6 +19,7 @@ from ..errors import shortened, unknown
 
 STORED = "stored"  # context of the values of a run, which an earlier version may have written
 MOST = 31  # objectives, of which moocore computes a hypervolume
+LEAST = {"episode_length": 1, "nconmax": 1, "njmax": 1, "reset_noise": 0}
 LARGEST = 1e9  # of any number, in size: squares of it are still finite in float32
 
 Objectives = dict[str, dict[str, float]]  # weights of reward terms, by objective
@@ -70,6 +71,9 @@ class Section(BaseModel):
                 cls._moderate(part, info)
         elif isinstance(value, float) and abs(value) > LARGEST and info.field_name not in cls.vast:
             raise ValueError(f"{value:g} is too large: use at most {LARGEST:g} in size")
+        least = LEAST.get(str(info.field_name))  # tasks that declare an option anew drop its bounds
+        if least is not None and isinstance(value, int | float) and value < least:
+            raise ValueError(f"it must be at least {least}")
         return value
 
 

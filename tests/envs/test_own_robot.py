@@ -344,6 +344,12 @@ def test_a_mistake_in_a_task_class_is_explained(folder, line):
         envs.make("crawler.py:Crawler", 3, "cpu")
 
 
+@pytest.mark.parametrize("name", ["episode_length", "nconmax", "njmax"])
+def test_an_option_that_a_task_declares_anew_keeps_its_bounds(folder, name):
+    with pytest.raises(MorlaxError, match=rf"{name}: it must be at least 1 \(given: -5\)"):
+        envs.make("crawler.py:Crawler", 3, "cpu", **{name: -5})
+
+
 @pytest.fixture
 def offer(folder: Path, monkeypatch: pytest.MonkeyPatch):
     """Install a package with an entry point."""
