@@ -323,7 +323,7 @@ def bookmarks(run: AnyPath) -> dict[str, list[float]]:
     try:
         values = yaml.safe_load(read(file, "bookmarks"))
         rows = {str(name): [*map(float, weights)] for name, weights in values.items()}
-        if any(len(row) != len(names) or min(row) < 0 for row in rows.values()):
+        if any(len(x) != len(names) or not 0 <= min(x) <= sum(x) < math.inf for x in rows.values()):
             raise ValueError
         return {name: [weight / math.fsum(row) for weight in row] for name, row in rows.items()}
     except (yaml.YAMLError, AttributeError, ArithmeticError, TypeError, ValueError):

@@ -487,8 +487,9 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
     with pytest.raises(MorlaxError, match="there is a bookmark fast already: delete it first"):
         bookmark(run, "fast", (0.0, 1.0), replaces=False)
     assert loading.bookmarks(run) == {"calm one": [0.25, 0.75], "fast": [0.75, 0.25]}
-    for damage in ("fast: [a]", "fast: [0, 0]", "fast: [-1, 2]", "fast: [1, 0, 0]"):
-        file.write_text(damage)
+    damages = "[a]", "[0, 0]", "[-1, 2]", "[1, 0, 0]", "[.nan, 1]", "[1, .nan]", "[.inf, 1]"
+    for damage in damages:
+        file.write_text(f"fast: {damage}")
         with pytest.raises(MorlaxError, match=r"weights of run, jump, .*calm: \[0.5, 0.5\]"):
             loading.bookmarks(run)
 
