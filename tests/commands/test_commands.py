@@ -20,6 +20,11 @@ def run(monkeypatch, module, *arguments: str) -> None:
     cli.run(module.command)
 
 
+@pytest.mark.parametrize("words", [("--resume", ""), ("--env", "hopper", "--start-from", "")])
+def test_an_empty_argument_does_not_name_the_newest_run(words, trained, refused):
+    assert "an argument is empty" in refused(train, *words, "--device", "cpu")
+
+
 @pytest.fixture(scope="module")
 def once(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("once") / "run"

@@ -86,6 +86,8 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
             return
         if any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
             raise MorlaxError("an argument is not valid UTF-8.")
+        if "" in arguments:
+            raise MorlaxError("an argument is empty, as an unset variable of the shell is.")
         if SEVERAL:
             exit_when_stuck()
         with exiting_on_signals():
