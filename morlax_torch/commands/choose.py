@@ -8,7 +8,7 @@ from pydantic import Field, PositiveFloat
 from rich.table import Column, Table
 
 from ..envs import MorlaxError
-from ..host.files import write_file
+from ..host.files import make_folder, write_file
 from .terminal import cli
 from .terminal.arguments import Device, Limits, OfRun, arg, parse
 
@@ -78,6 +78,8 @@ def command(arguments: Sequence[str]) -> None:
         policy = loading.load(options.run, options.device, trust=options.trust, env=options.env)
         front = loading.load_front(options.run)
         chooser = Chooser(policy, front, options.seeds, options.seed)
+        if options.card is not None:
+            make_folder(options.card.parent)  # a mistake is told before the simulation
         choice = chooser.choose(least, options.maximize, most, options.margin)
     kinds = ("promised", "simulated") if choice.simulated else ("evaluated",)
     numbers = (Column(head, justify="right") for head in (*kinds, "required", "margin"))
@@ -123,11 +125,12 @@ def _over_time(options: Choose, least: dict[str, float], most: dict[str, float])
 
         policy = loading.load(options.run, options.device, trust=options.trust, env=options.env)
         front = loading.load_front(options.run)
-        search = options.knots, options.slew, options.margin, options.seeds, options.seed
-        scheduler = Scheduler(policy, least, options.maximize, most, *search)
-        schedule, best = scheduler.search(front)
         folder = loading.own_folder(options.run) or Path()
         file = options.output or folder / "tradeoff_over_time.yaml"
+        search = options.knots, options.slew, options.margin, options.seeds, options.seed
+        scheduler = Scheduler(policy, least, options.maximize, most, *search)
+        make_folder(file.parent)  # a mistake is told before minutes of simulation
+        schedule, best = scheduler.search(front)
         schedule.save(file, policy.objectives)
     required = scheduler.required
     heads = (Column(head, justify="right") for head in ("required", *best))

@@ -14,7 +14,7 @@ from ..envs import MorlaxError, resolve_device
 from ..evaluation import pareto
 from ..evaluation.evaluator import usual_tradeoffs
 from ..evaluation.front import Front
-from ..host.files import unused
+from ..host.files import make_folder, unused
 from ..host.phases import phase, within
 from ..networks.policy import Policy
 from ..runs import checkpoint, loading
@@ -58,7 +58,7 @@ def evaluate_runs(
     if tradeoffs is None:
         tradeoffs = max(usual_tradeoffs(config, protocol) for config in configs)
     seeds = max(config.evaluation.seeds for config in configs) if seeds is None else seeds
-    # damaged files are refused before the evaluation
+    # damaged files, and a wrong output, are refused before the evaluation
     folders = {name: loading.find_run(run) for name, run in named.items()}
     curves = {name: run / "metrics.csv" for name, run in folders.items()}
     histories = {name: History.load(x) if x.is_file() else None for name, x in curves.items()}
@@ -69,6 +69,8 @@ def evaluate_runs(
 
     target = reference_front(reference, policies, protocol, evaluated) if reference else None
     files = {name: loading.find_checkpoint(run) for name, run in named.items()}
+    if output is not None:
+        make_folder(output)
     fronts = {}
     for name, policy in policies.items():
         with within(name):

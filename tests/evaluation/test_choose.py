@@ -518,6 +518,7 @@ def test_the_command_writes_a_bookmark_and_a_decision_card(
     assert str(run / "checkpoints/best.pt") in page and "export" in page
     page = tmp_path / "card.pdf"
     assert "must end in .html" in refused(choose_command, *words, "--card", page)
+    assert "cannot make" in refused(choose_command, *words, "--card", card / "card.html")
     assert "cannot name a bookmark" in refused(choose_command, *words, "--bookmark", "a/b")
     for unused in (["--output", "a.yaml"], ["--knots", "9"], ["--slew", "1"]):
         assert f"{unused[0]} is for" in refused(choose_command, *words, *unused)

@@ -158,6 +158,7 @@ def test_quantities_of_a_window_are_those_of_its_steps(tmp_path):
         (("--at-least", "rum=9 @ 0-1", "--maximize", "energy"), "'rum'"),
         ((*UTILITY, "--knots", "1"), "knots"),
         ((*UTILITY, "--card", "card.html"), "leave --over-time out"),
+        ((*UTILITY, "--output", "/dev/null/a.yaml"), "cannot make /dev/null"),
     ],
 )
 def test_a_mistake_is_refused_in_one_sentence(words, sentence, cheetah, refused):

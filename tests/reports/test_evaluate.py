@@ -362,6 +362,12 @@ def test_a_mistake_prints_one_error_and_writes_nothing(words, workplace, refused
     assert MISTAKES[words] in refused(evaluate, *FEW, *words.split())
 
 
+def test_an_output_that_is_a_file_is_refused_before_the_evaluation(workplace, refused, monkeypatch):
+    monkeypatch.setattr(loading, "evaluate", None)
+    (workplace / "used").touch()
+    assert "cannot make used: File exists" in refused(evaluate, "a/hopper", "--output", "used")
+
+
 def test_runs_are_named_by_the_shortest_unique_end_of_their_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for folder in ("x/a/0", "x/a/1", "x/b/0", "y/a/0"):
