@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -34,6 +35,8 @@ def command(arguments: Sequence[str]) -> None:
     file = named.parent / f"{named.stem}.py"
     if file.exists():
         raise MorlaxError(f"{file} exists already: name another file with --output.")
+    if file.stem in {*sys.stdlib_module_names, "mujoco", "numpy", "torch"}:
+        raise MorlaxError(f"{file} would hide the module {file.stem}: name another with --output.")
     with cli.Live():
         from ..envs.worlds.drafts import Draft  # imports MuJoCo
 

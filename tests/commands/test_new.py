@@ -168,6 +168,12 @@ def test_a_robot_that_blows_up_is_reported(folder):
     assert not Path("MUJOCO_LOG.TXT").exists()
 
 
+@pytest.mark.parametrize("name", ["platform", "torch"])
+def test_no_file_hides_a_module_that_commands_import(name, folder, refused):
+    shutil.move("arm.xml", f"{name}.xml")
+    assert f"{name}.py would hide the module {name}" in refused(new, f"{name}.xml")
+
+
 def test_no_file_is_overwritten(folder, refused):
     Path("arm.py").write_text("mine")
     assert "arm.py exists already: name another file with --output" in refused(new, "arm.xml")
