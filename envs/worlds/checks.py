@@ -3,6 +3,7 @@
 `env` is an `Environment` that is being built.
 """
 
+import sys
 from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
@@ -32,7 +33,7 @@ def model(task: Any, compiled: mujoco.MjModel) -> None:
 
 def start(env: Any) -> np.ndarray:
     """Return `initial_qpos()` if it has the shape (nq,) and is finite."""
-    qpos, nq = np.asarray(env.initial_qpos()), env.physics.model.nq
+    qpos, nq = np.asarray(_answer(env, "initial_qpos")), env.physics.model.nq
     if qpos.shape != (nq,) or not np.isfinite(qpos).all():
         raise _wrong(env, "initial_qpos()", qpos, f"({nq},), one finite number per qpos")
     return qpos
@@ -83,9 +84,15 @@ class State(dict[str, Tensor]):
         return self
 
 
+def _answer(env: Any, method: str) -> Any:
+    file = getattr(sys.modules.get(type(env).__module__), "__file__", None)
+    with user_code(f"{type(env).__name__}.{method}() fails", file):
+        return getattr(env, method)()
+
+
 def by_name(env: Any, method: str) -> dict[str, Tensor]:
     """Return the tensors (N, ...) that `method` returns by name, in a new dictionary."""
-    values, N = getattr(env, method)(), env.num_worlds
+    values, N = _answer(env, method), env.num_worlds
     if not isinstance(values, dict):
         raise _wrong(env, f"{method}()", values, f"a dictionary of tensors ({N}, ...) by name")
     for name, value in values.items():
@@ -137,7 +144,7 @@ def _attributes(env: Any) -> Iterator[tuple[str, Tensor]]:
 
 def rows(env: Any, method: str, letter: str) -> int:
     """Return the width of the rows (N, width) that `method` returns, or 0 for None."""
-    values, N = getattr(env, method)(), env.num_worlds
+    values, N = _answer(env, method), env.num_worlds
     if values is None:
         return 0
     if _shape(values)[:1] != (N,) or values.ndim != 2:
@@ -173,7 +180,7 @@ def control(env: Any) -> None:
 
 def rewards(env: Any) -> None:
     """Check that `terms()` returns (N,) by name and `failed()` (N,) bool."""
-    N, failed = env.num_worlds, env.failed()
+    N, failed = env.num_worlds, _answer(env, "failed")
     for name, term in by_name(env, "terms").items():
         if _shape(term) != (N,):
             raise _wrong(env, f"terms()[{name!r}]", term, f"a tensor ({N},), one number per world")

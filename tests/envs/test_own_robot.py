@@ -303,6 +303,11 @@ MISTAKES = {  # lines at the end of the class
     "def initial_qpos(self): return [0.0] * 4": "has type ndarray and shape (4,)",
     "def initial_qpos(self): return [float('nan')] * 5": "(5,), one finite number per qpos",
     "def terms(self): return {'forward': np.zeros(3)}": "must be a tensor (3, ...)",
+    "def terms(self): return {'forward': self.speeed()}": (
+        "Crawler.terms() fails: AttributeError: 'Crawler' object has no attribute 'speeed' ("
+    ),
+    "def failed(self): return self.age / nothing": "failed() fails: NameError: name 'nothing' is",
+    "def observe(self): return torch.cat([self.physics.qpos, self.age])": "observe() fails",
     "def remember(self): self.x = 0": "remember() has type NoneType and shape (): it must be a",
     "def initial_state(self): return {'x': 0.0}": "initial_state()['x'] has type float",
     "def begin(self, fresh): self.physics.qpos = self.physics.qpos + 1": (
