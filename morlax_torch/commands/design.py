@@ -77,8 +77,12 @@ def command(arguments: Sequence[str]) -> None:
         cli.console.print(part)
     verdict = [f"body with the largest hypervolume: {designer.body(best)}"]
     if options.maximize is not None:
-        ranked = required.ranked(simulated.tradeoffs, simulated.values, "simulated")
-        row = int(ranked[0])
+        try:
+            row = int(required.ranked(simulated.tradeoffs, simulated.values, "simulated")[0])
+        except MorlaxError:
+            designer.write(folder, simulated, default, best)  # the front took minutes
+            cli.console.print(f"{verdict[0]}\nwritten: {folder}", soft_wrap=True)
+            raise
         best = simulated.designs[row]
         weights, reached = shown(simulated.tradeoffs[row]), designer.reached(simulated, row)
         verdict = [f"body: {designer.body(best)}", f"trade-off: {weights} ({reached})"]

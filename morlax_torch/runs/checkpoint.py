@@ -117,7 +117,8 @@ def load(path: Path) -> Contents:
         raise
     except Exception:  # zip, pickle and torch each fail in their own way on a damaged file
         raise MorlaxError(
-            f"the checkpoint {path} is damaged or not a checkpoint: use another file of its folder."
+            f"the checkpoint {path} is damaged or not a checkpoint: use another file of its "
+            "folder. Training goes on from one with --start-from FILE."
         ) from None
     if number is None:
         raise MorlaxError(

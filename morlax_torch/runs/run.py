@@ -39,10 +39,9 @@ PATIENCE = 0.2  # s that training waits for a lock, which `is_training` may hold
 
 
 def taken(folder: Path) -> MorlaxError:
-    return MorlaxError(
-        f"{folder} exists already: choose another --output, or continue the run with "
-        f"--resume {folder}."
-    )
+    is_run = (folder / "config.yaml").is_file()
+    more = f", or continue the run with --resume {folder}" if is_run else ""
+    return MorlaxError(f"{folder} exists already: choose another --output{more}.")
 
 
 class Run:

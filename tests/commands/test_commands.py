@@ -144,12 +144,17 @@ def test_values_that_do_not_fit_another_task_are_one_sentence(workplace, refused
 
 def test_a_folder_in_use_is_not_overwritten(trained, refused):
     typed = ("--env", "hopper", *TYPED, "--output", "run")
-    assert "run exists already" in refused(train, *typed)
+    line = refused(train, *typed)
+    assert "run exists already" in line and "continue the run with --resume run" in line
 
 
 @pytest.mark.parametrize(
     ("output", "expected"),
-    [("file/run", "cannot make file/run"), (".", ". exists already: choose another --output")],
+    [
+        ("file/run", "cannot make file/run"),
+        ("file", "file exists already: choose another --output."),
+        (".", ". exists already: choose another --output."),
+    ],
 )
 def test_an_output_that_cannot_be_a_run_is_an_error(output, expected, workplace, refused):
     Path("file").write_text("")

@@ -367,9 +367,13 @@ def test_the_command_writes_the_body_that_serves_best(run, tmp_path, capsys, mon
         np.testing.assert_allclose(getattr(model, name), getattr(exact, name), atol=1e-5)
     searching.command(words)
     assert "body with the largest hypervolume: thigh" in capsys.readouterr().out
+    words[words.index("--output") + 1] = str(tmp_path / "other")
     with pytest.raises(MorlaxError, match="no simulated policy keeps every requirement"):
         searching.command([*words, "--maximize", "jump", "--at-least", "run=1e6"])
-    assert "most run: run " in capsys.readouterr().out  # which would be possible
+    text = capsys.readouterr().out
+    assert "most run: run " in text  # which would be possible
+    assert "body with the largest hypervolume: thigh" in text and "written: " in text
+    assert set(searching.FILES) == {file.name for file in (tmp_path / "other").iterdir()}
 
 
 def test_a_wrong_search_is_one_sentence_before_it_begins(run, refused, monkeypatch):
