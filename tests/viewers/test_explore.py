@@ -37,7 +37,7 @@ def test_an_address_that_cannot_be_listened_on_is_an_error(workplace, make_run, 
         with listening("127.0.0.1", port) as other:
             assert port < other.getsockname()[1] < port + 20
     assert "from 0 to 65535" in refused(explore, "run", "--port", "70000")
-    for host in ("192.0.2.1", "..", "a" * 70, "é..", "a\0b", ""):
+    for host in ("192.0.2.1", "..", "a" * 70, "é..", "a\0b"):
         text = refused(explore, "run", "--host", host)
         assert "cannot listen on" in text and "choose another --port or --host" in text
 
