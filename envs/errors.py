@@ -28,6 +28,10 @@ class MorlaxError(Exception):
     """
 
 
+class NotFinite(MorlaxError):
+    """A number of a learner's state is infinite or NaN."""
+
+
 class NotInstalled(MorlaxError):
     """A library that something needs is missing or too old."""
 

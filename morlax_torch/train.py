@@ -48,15 +48,12 @@ def train(
         MorlaxError: the folder cannot be written, the simulator's buffers overflow, every world
             blows up, or a loss is not finite. Checkpoints keep their last good state.
     """
-    from torch import autocast
-
     from .runs.training import Session
 
     began = time.perf_counter()
     session = Session.of(config, run, output, actor, critic)
     session.on_metrics = on_metrics or session.on_metrics
-    off = autocast(session.learner.env.device.type, enabled=False)  # that a user may have enabled
-    with closing(session.training(began)) as evaluations, off:
+    with closing(session.training(began)) as evaluations:
         for evaluation in evaluations:
             session.on_metrics(evaluation.scalars, evaluation.env_steps)
             if on_evaluation is not None:

@@ -19,7 +19,6 @@ from ..errors import shortened, unknown
 
 STORED = "stored"  # context of the values of a run, which an earlier version may have written
 MOST = 31  # objectives, of which moocore computes a hypervolume
-LEAST = {"episode_length": 1, "nconmax": 1, "njmax": 1, "reset_noise": 0}
 LARGEST = 1e9  # of any number, in size: squares of it are still finite in float32
 
 Objectives = dict[str, dict[str, float]]  # weights of reward terms, by objective
@@ -71,9 +70,6 @@ class Section(BaseModel):
                 cls._moderate(part, info)
         elif isinstance(value, float) and abs(value) > LARGEST and info.field_name not in cls.vast:
             raise ValueError(f"{value:g} is too large: use at most {LARGEST:g} in size")
-        least = LEAST.get(str(info.field_name))  # tasks that declare an option anew drop its bounds
-        if least is not None and isinstance(value, int | float) and value < least:
-            raise ValueError(f"it must be at least {least}")
         return value
 
 
@@ -131,6 +127,15 @@ class ObjectiveOptions(Section):
     @classmethod
     def _plain_names(cls, objectives: Objectives) -> Objectives:
         return check_objectives(objectives)
+
+    @field_validator("episode_length", "nconmax", "njmax", "reset_noise", check_fields=False)
+    @classmethod
+    def _bounded(cls, value: float, info: ValidationInfo) -> float:
+        # a task that declares such an option anew drops the bounds of its type
+        least = 0 if info.field_name == "reset_noise" else 1
+        if value < least:
+            raise ValueError(f"it must be at least {least}")
+        return value
 
     @property
     def varies(self) -> bool:

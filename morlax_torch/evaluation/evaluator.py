@@ -96,7 +96,7 @@ class Evaluator:
         self._discounted = protocol == "discounted"
         self._weight = self._returns.new_ones(())  # of the next step's rewards
         self._horizon = min(HORIZON, env.episode_length) if self._discounted else env.episode_length
-        with torch.no_grad():
+        with torch.no_grad(), torch.autocast(env.device.type, enabled=False):
             actors = agent.actors(self.tradeoffs)
         # a recorded graph reads parameters at fixed addresses
         parameters = {name: value.clone() for name, value in actors.parameters.items()}
@@ -175,9 +175,10 @@ class Evaluator:
     @torch.no_grad()
     def _generate(self) -> None:
         size = 1 if self._alone else len(self.tradeoffs)
-        for first in range(0, len(self.tradeoffs), size):
-            part = slice(first, first + size)
-            self._actors.copy_(self.agent.actors(self.tradeoffs[part]), part)
+        with torch.autocast(self.env.device.type, enabled=False):  # that a user may have enabled
+            for first in range(0, len(self.tradeoffs), size):
+                part = slice(first, first + size)
+                self._actors.copy_(self.agent.actors(self.tradeoffs[part]), part)
 
     @torch.no_grad()
     def _run(self, before: Callable[[int], None] = lambda step: None) -> None:

@@ -57,9 +57,13 @@ class Graph:
 
     def __call__(self) -> None:
         if self._graph is None:
-            self.run()
+            with self._full_precision():
+                self.run()
         else:
             self._graph.replay()
+
+    def _full_precision(self) -> torch.autocast:
+        return torch.autocast(self.device.type, enabled=False)  # that a user may have enabled
 
     def record(self) -> None:
         """Warm up once, then record. The effects of `warm_up` remain; on the CPU, do nothing."""
@@ -76,7 +80,8 @@ class Graph:
         for generator in self.generators:
             graph.register_generator_state(generator)
         torch.cuda.synchronize(self.device)
-        with torch.cuda.device(self.device), wp.ScopedStream(warp_stream, sync_enter=False):
+        scope = wp.ScopedStream(warp_stream, sync_enter=False)
+        with self._full_precision(), torch.cuda.device(self.device), scope:
             with torch.cuda.stream(stream):
                 self._warm_up()  # kernels compile and load, and cuBLAS initializes
             torch.cuda.synchronize(self.device)

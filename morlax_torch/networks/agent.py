@@ -35,8 +35,7 @@ class Actors(NamedTuple):
 
     def of_normalized(self, observation: Tensor) -> TanhNormal:
         """Map *normalized* observations (K, B, O) to action distributions."""
-        with torch.autocast(observation.device.type, enabled=False):  # that a user may have enabled
-            output = self.family.run(self.parameters, observation)
+        output = self.family.run(self.parameters, observation)
         return TanhNormal(output if self.max_std is None else limited(output, self.max_std))
 
     def explore(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
@@ -216,8 +215,7 @@ class Agent(nn.Module):
 
     def actors(self, tradeoffs: Tensor) -> Actors:
         """Generate the actors of K trade-offs (K, m) or conditions (K, m + d)."""
-        with torch.autocast(tradeoffs.device.type, enabled=False):
-            parameters = self.actor(self.conditions(tradeoffs))
+        parameters = self.actor(self.conditions(tradeoffs))
         return Actors(parameters, self.actor, self.observation_normalizer, self._max_std)
 
     def policies(self, tradeoffs: Tensor) -> Callable[[Tensor], TanhNormal]:

@@ -61,7 +61,8 @@ class Policy(nn.Module):
                 f"the number of observations is {len(rows)}, but that of trade-offs "
                 f"{len(tradeoff)}: give one per observation, or one for all."
             )
-        actions = self.agent.actors(tradeoff).act(rows)
+        with torch.autocast(self.device.type, enabled=False):  # that a user may have enabled
+            actions = self.agent.actors(tradeoff).act(rows)
         return actions.reshape(*observation.shape[:-1], self.agent.action_size)
 
     def for_design(self, design: Mapping[str, float]) -> "Policy":

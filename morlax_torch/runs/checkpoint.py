@@ -17,7 +17,7 @@ from .. import envs
 from ..algorithms.learner import Learner
 from ..configuration.config import Config, load_config
 from ..envs import DesignParameter, MorlaxError, Worlds
-from ..envs.errors import LONGEST, NotInstalled, line, shortened, validated
+from ..envs.errors import LONGEST, NotFinite, NotInstalled, line, shortened, validated
 from ..envs.worlds.options import STORED, check_objectives
 from ..host.files import AnyPath, read, write_file
 from .progress import Progress
@@ -80,14 +80,14 @@ class Contents(BaseModel):
 def snapshot(learner: Learner) -> dict[str, Any]:
     """Copy the whole state of a learner to the CPU; all processes of its group must call it.
 
-    Raises MorlaxError if a number that they share is not finite, since `load` would refuse it.
+    Raises NotFinite if a number that they share is not finite, since `load` would refuse it.
     """
     group, state = learner.group, tree_map_only(Tensor, Tensor.cpu, learner.state_dict())
     shared = {name: state[name] for name in state.keys() - set(learner.per_process)}
     try:
         check_state(shared, shared, "learner")
     except ValueError as error:
-        raise MorlaxError(str(error)) from None
+        raise NotFinite(str(error)) from None
     if group.size > 1:
         _, *state["processes"] = group.gather({name: state[name] for name in learner.per_process})
     return {

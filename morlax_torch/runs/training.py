@@ -17,6 +17,7 @@ from ..algorithms.registry import make_learner
 from ..configuration.config import Config
 from ..envs import MorlaxError
 from ..envs.devices import seed_of
+from ..envs.errors import NotFinite
 from ..envs.naming import is_file
 from ..evaluation.evaluator import SETS, Evaluator
 from ..evaluation.evaluator import make_evaluator as evaluator_of
@@ -227,8 +228,8 @@ class Session:
             remedy = learner.env.remedy(int(metrics["overflow"]))
             raise self._failure(f"contacts overflowed their buffers in {span}: {remedy}")
         # also before the first update
-        simulated = blowups >= learner.steps_per_iteration * iterations
-        remedy = UNSTABLE if simulated else self._remedy()
+        unstable = blowups >= learner.steps_per_iteration * iterations
+        remedy = UNSTABLE if unstable else self._remedy()
         for name, value in metrics.items():
             if (name == "entropy" or name.endswith("_loss")) and not math.isfinite(value):
                 raise self._failure(
@@ -239,10 +240,10 @@ class Session:
             raise self._failure(f"every world blew up in each rollout of {span}: {UNSTABLE}")
 
     def _snapshot(self) -> dict[str, Any]:
-        """Copy the learner's state, if it can be read again."""
+        """Copy the learner's state, or say which number of it is not finite."""
         try:
             return checkpoint.snapshot(self.learner)
-        except MorlaxError as error:
+        except NotFinite as error:
             iteration = self.learner.iteration
             raise self._failure(f"{error} after iteration {iteration}: {self._remedy()}") from None
 

@@ -1,6 +1,7 @@
 """Every algorithm finds a front that is known in closed form, and does what its paper says."""
 
 import copy
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -142,8 +143,10 @@ def test_torch_s_defaults_change_no_number(algorithm, changes, dtypes):
     assert_same(*results)
 
 
-@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
-def test_iterations_learn_inside_a_user_s_no_grad(mode):
+@pytest.mark.parametrize(
+    "mode", [torch.no_grad, torch.inference_mode, partial(torch.autocast, "cpu", torch.bfloat16)]
+)
+def test_modes_of_torch_around_an_iteration_change_no_number(mode):
     plain, inside = (trained(tiny(), 0) for _ in range(2))
     plain.iterate()
     with mode():

@@ -218,10 +218,10 @@ class Stateful(nn.Linear):
 
 def test_a_network_that_torchscript_cannot_represent_is_refused(tmp_path):
     morlax = learner(tiny(), actor=Stateful(13, 8))
-    found = Policy(morlax.agent, morlax.config, morlax.env.objectives)
-    export_run(found, tmp_path / "it.pt2", "torch-export")
+    policy = Policy(morlax.agent, morlax.config, morlax.env.objectives)
+    export_run(policy, tmp_path / "it.pt2", "torch-export")
     with pytest.raises(MorlaxError, match=r"torchscript cannot represent .*: try another --format"):
-        export_run(found, tmp_path / "it.ts", "torchscript")
+        export_run(policy, tmp_path / "it.ts", "torchscript")
 
 
 @pytest.fixture
