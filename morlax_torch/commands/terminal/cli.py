@@ -87,7 +87,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
         if any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
             raise MorlaxError("an argument is not valid UTF-8.")
         if "" in arguments:
-            raise MorlaxError("an argument is empty: set the variable of the shell, or leave it out.")
+            raise MorlaxError("an argument is empty: leave it out, or set its shell variable.")
         if SEVERAL:
             exit_when_stuck()
         with exiting_on_signals():
