@@ -182,11 +182,7 @@ def mean_indicators(fronts: Sequence[Front]) -> dict[str, float]:
     """Return the mean of each indicator over fronts, such as those of several bodies."""
     measured = [front.indicators() for front in fronts]
     means = {name: float(np.mean([each[name] for each in measured])) for name in measured[0]}
-    # numbers of policies stay whole
-    return {
-        name: round(mean) if isinstance(measured[0][name], int) else mean
-        for name, mean in means.items()
-    }
+    return {**means, "cardinality": round(means["cardinality"])}  # a number of policies
 
 
 def hypervolume_in(names: Iterable[str]) -> str:
