@@ -76,6 +76,3 @@ class SkrlEnv(GymnasiumWrapper):
         """Return the current state (N, O + P) for critics; None without privileged features."""
         worlds = self.vector.worlds
         return worlds.critic_observation() if worlds.privileged_size else None
-
-    def render(self, *_: Any, **__: Any) -> None:
-        """Do nothing: rendering is not supported."""
