@@ -39,8 +39,7 @@ class FamilyPolicy(nn.Module):
     def __init__(self, policy: Policy):
         super().__init__()
         self.normalizer, self.actor = policy.agent.observation_normalizer, policy.agent.actor
-        self.context: Tensor
-        self.register_buffer("context", policy.agent.context)
+        self.context = nn.Buffer(policy.agent.context)
 
     def forward(self, observation: Tensor, tradeoff: Tensor) -> Tensor:
         condition = torch.cat([tradeoff, self.context]) if len(self.context) else tradeoff

@@ -108,8 +108,8 @@ class Agent(nn.Module):
                 )
             space = DesignSpace(self.designs)
             context = torch.from_numpy(space.scaled(space.vector(config.task.design))).float()
-        self.context: Tensor  # (d,) of the body that the task names; empty without designs
-        self.register_buffer("context", context, persistent=False)
+        # (d,) of the body that the task names; empty without designs
+        self.context = nn.Buffer(context, persistent=False)
         self._own = [name for name, x in (("actor", actor), ("critic", critic)) if x is not None]
         self.num_values = 1 if config.ppo.critic == "scalar" else m
         actor, critic = self._networks(actor, critic, config, generator)

@@ -106,12 +106,10 @@ class Conditioned(Family):
 class _Fixed(nn.Module):
     """The network under one condition (m + d,)."""
 
-    condition: Tensor
-
     def __init__(self, network: nn.Module, condition: Tensor):
         super().__init__()
         self.network = network
-        self.register_buffer("condition", condition.clone())
+        self.condition = nn.Buffer(condition.clone())
 
     def forward(self, x: Tensor) -> Tensor:
         return self.network(_beside(x, self.condition))
@@ -231,15 +229,12 @@ class Independent(Generated):
     -|keys[r]|²/2. All networks start as the target.
     """
 
-    keys: Tensor
-    offsets: Tensor
-
     def __init__(self, target: nn.Module, keys: Tensor):
         super().__init__(target)
         start = torch.cat([p.detach().flatten() for p in target.parameters()])
         self.rows = nn.Parameter(start.repeat(len(keys), 1))  # (R, P)
-        self.register_buffer("keys", keys.clone())  # (R, m)
-        self.register_buffer("offsets", keys.square().sum(-1) / -2)  # (R,)
+        self.keys = nn.Buffer(keys.clone())  # (R, m)
+        self.offsets = nn.Buffer(keys.square().sum(-1) / -2)  # (R,)
 
     def flat(self, conditions: Tensor) -> Tensor:
         return self.rows.index_select(0, self.chosen(conditions))

@@ -70,19 +70,13 @@ class Symmetric(nn.Module):
     exactly symmetric moves both legs alike; with an `asymmetry` a > 0 it can take a first step.
     """
 
-    inputs_order: Tensor
-    inputs_sign: Tensor
-    outputs_order: Tensor
-    outputs_sign: Tensor
-
     def __init__(
         self, network: nn.Module, inputs: Reflection, outputs: Reflection, asymmetry: float = 0.0
     ):
         super().__init__()
         self.network, self.shares = network, ((1 + asymmetry) / 2, (1 - asymmetry) / 2)
-        for name, reflection in (("inputs", inputs), ("outputs", outputs)):
-            self.register_buffer(f"{name}_order", reflection.order)
-            self.register_buffer(f"{name}_sign", reflection.sign)
+        self.inputs_order, self.inputs_sign = map(nn.Buffer, inputs)
+        self.outputs_order, self.outputs_sign = map(nn.Buffer, outputs)
 
     def forward(self, x: Tensor) -> Tensor:
         image = self.network(x.index_select(-1, self.inputs_order) * self.inputs_sign)

@@ -18,24 +18,18 @@ class Normalizer(nn.Module):
     features, statistics are those of mirror images too.
     """
 
-    mean: Tensor  # (size,)
-    variance: Tensor  # (size,)
-    count: Tensor  # ()
-    scale: Tensor  # (size,) one over the standard deviation
-    mirror_order: Tensor
-    mirror_sign: Tensor
     limit: Final[float] = LIMIT  # torch.jit.script knows no global constants
 
     def __init__(self, size: int, reflection: Reflection | None = None):
         super().__init__()
-        self.register_buffer("mean", torch.zeros(size, dtype=torch.float32))
-        self.register_buffer("variance", torch.ones(size, dtype=torch.float32))
-        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("scale", torch.ones(size, dtype=torch.float32))
+        self.mean = nn.Buffer(torch.zeros(size, dtype=torch.float32))
+        self.variance = nn.Buffer(torch.ones(size, dtype=torch.float32))
+        self.count = nn.Buffer(torch.zeros((), dtype=torch.float64))
+        self.scale = nn.Buffer(torch.ones(size, dtype=torch.float32))  # 1 / standard deviation
         self._mirrors = reflection is not None
         if reflection is not None:
-            self.register_buffer("mirror_order", reflection.order, persistent=False)
-            self.register_buffer("mirror_sign", reflection.sign, persistent=False)
+            self.mirror_order = nn.Buffer(reflection.order, persistent=False)
+            self.mirror_sign = nn.Buffer(reflection.sign, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
         size = x.shape[-1]
