@@ -36,10 +36,6 @@ class FamilyModel(MLPModel):
         config: further arguments of `MLPModel`.
     """
 
-    focus: Tensor  # (m,)
-    tradeoffs: Tensor  # (K, m), that learn
-    shown: Tensor  # (1, m) or (B, m), that play
-
     def __init__(
         self,
         obs: TensorDict,
@@ -70,9 +66,10 @@ class FamilyModel(MLPModel):
                 )
         self.family = Hypernetwork(target, len(focus), num_features=features)
         del self.mlp  # the family has a copy
-        self.register_buffer("focus", focus.clone(), persistent=False)
-        self.register_buffer("tradeoffs", focus[None].clone(), persistent=False)
-        self.register_buffer("shown", focus[None].clone(), persistent=False)
+        self.focus = nn.Buffer(focus.clone(), persistent=False)  # (m,)
+        # (K, m) that learn, and (1, m) or (B, m) that play
+        self.tradeoffs: Tensor = nn.Buffer(focus[None].clone(), persistent=False)
+        self.shown: Tensor = nn.Buffer(focus[None].clone(), persistent=False)
         self._parameters_of_rollout: dict[str, Tensor] | None = None
 
     def forward(
@@ -219,12 +216,6 @@ class WorldFront(nn.Module):
     networks went on learning.
     """
 
-    tradeoffs: Tensor  # (K', m); world e has trade-off e % K'
-    sums: Tensor  # (E, m) of the episodes under way
-    last: Tensor  # (E, m) returns of the last episodes
-    worst: Tensor  # (m,) returns of any trade-off so far
-    begun: Tensor  # (E, 1) whether an episode began here; first ones may start at any step
-
     def __init__(self, worlds: int, m: int, reference_point: Sequence[float] | None, device: Any):
         super().__init__()
         if worlds % EPISODES or worlds < EPISODES * m:
@@ -234,11 +225,15 @@ class WorldFront(nn.Module):
             )
         self.worlds, self.reference_point = worlds, reference_point
         self.number = worlds // EPISODES  # of trade-offs
-        self.register_buffer("tradeoffs", even_tradeoffs(self.number, m))
-        self.register_buffer("sums", torch.zeros(worlds, m, dtype=torch.float32))
-        self.register_buffer("last", torch.full_like(self.sums, math.nan))
-        self.register_buffer("worst", torch.full((m,), math.inf, dtype=torch.float32))
-        self.register_buffer("begun", torch.zeros(worlds, 1, dtype=torch.bool))
+        # (K', m); world e has trade-off e % K'
+        self.tradeoffs = nn.Buffer(even_tradeoffs(self.number, m))
+        # (E, m) of the episodes under way, and returns of the last ones
+        self.sums = nn.Buffer(torch.zeros(worlds, m, dtype=torch.float32))
+        self.last = nn.Buffer(torch.full_like(self.sums, math.nan))
+        # (m,) returns of any trade-off so far
+        self.worst = nn.Buffer(torch.full((m,), math.inf, dtype=torch.float32))
+        # (E, 1) whether an episode began here; first ones may start at any step
+        self.begun = nn.Buffer(torch.zeros(worlds, 1, dtype=torch.bool))
         self.to(device)
 
     def observe(self, rewards: Tensor, dones: Tensor) -> None:
