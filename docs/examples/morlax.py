@@ -120,10 +120,10 @@ class Normalizer(nn.Module):
 
     def __init__(self, size: int):
         super().__init__()
-        self.register_buffer("mean", torch.zeros(size))
-        self.register_buffer("variance", torch.ones(size))
-        self.register_buffer("scale", torch.ones(size))  # one over the standard deviation
-        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+        self.mean = nn.Buffer(torch.zeros(size))
+        self.variance = nn.Buffer(torch.ones(size))
+        self.scale = nn.Buffer(torch.ones(size))  # one over the standard deviation
+        self.count = nn.Buffer(torch.zeros((), dtype=torch.float64))
 
     def forward(self, x: Tensor) -> Tensor:
         return ((x - self.mean) * self.scale).clamp(-10.0, 10.0)
