@@ -1,6 +1,8 @@
 """Physics on C MuJoCo: many worlds on a thread pool, in float64, and models that differ."""
 
 import copy
+import gc
+import os
 from typing import Any
 
 import mujoco
@@ -65,6 +67,8 @@ except ModuleNotFoundError:
     _ONE = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
     MODEL_FIELDS = tuple(n for n in dir(_ONE) if isinstance(getattr(_ONE, n, None), np.ndarray))
     Batch = PythonBatch  # pyright: ignore[reportAssignmentType]
+if hasattr(os, "register_at_fork"):  # to free a batch without its threads hangs in a fork's child
+    os.register_at_fork(after_in_child=gc.freeze)
 
 
 def vary(batch: Any, fields: Fields) -> None:
