@@ -228,7 +228,7 @@ class GymnasiumEnv(OneTask, gymnasium.Env, EzPickle):
             MorlaxError: an invalid action, or `reset` was never called.
         """
         self._check_reset("step")
-        action = action.detach() if isinstance(action, Tensor) else action
+        action = action.detach().float() if isinstance(action, Tensor) else action
         try:
             numbers = np.ascontiguousarray(action, np.float32)
         except (TypeError, ValueError):  # a tensor on the GPU, ragged rows, strings

@@ -209,6 +209,15 @@ def test_on_the_cpu_actions_can_be_arrays(dtype):
     single.step(np.ones(single.action_space.shape, np.float32)[::-1])
 
 
+def test_one_world_takes_actions_of_a_network_in_half_precision():
+    rewards = []
+    for dtype in (torch.float32, torch.float16, torch.bfloat16):
+        env = gymnasium.make(HOPPER)
+        env.reset(seed=0)
+        rewards.append(env.step(torch.full((4,), 0.5, dtype=dtype, requires_grad=True))[1])
+    np.testing.assert_array_equal(rewards[1:], rewards[:1] * 2)
+
+
 def test_vector_environments_match_gymnasium_s_sync_vector_env():
     options = {"tradeoff": (0.7, 0.3), "episode_length": 100}
     found = vector(WALKER, **options)
