@@ -39,6 +39,8 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
             have no fixed size.
     """
     one = make()
+    if not isinstance(one, gymnasium.Env):
+        raise MorlaxError(f"make must return one gymnasium.Env, not {type(one).__name__}.")
     name = name or str(one)
     actions = getattr(one, "action_space", None)
     seen = getattr(one, "observation_space", None)

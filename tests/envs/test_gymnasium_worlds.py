@@ -1,6 +1,7 @@
 """Training works in any Gymnasium environment with vector rewards."""
 
 import math
+from functools import partial
 
 import gymnasium
 import mo_gymnasium
@@ -296,6 +297,13 @@ def test_unsupported_environments_are_rejected(name, sentence, tmp_path, monkeyp
 def test_unsupported_spaces_are_rejected(member, space, sentence):
     with pytest.raises(MorlaxError, match=sentence):
         envs.from_gymnasium(type("Other", (Point,), {member: space}))
+
+
+def test_a_batch_or_nothing_in_place_of_one_environment_is_one_sentence():
+    batch = gymnasium.vector.SyncVectorEnv([partial(gymnasium.make, "Pendulum-v1")])
+    for made, name in ((batch, "SyncVectorEnv"), (None, "NoneType")):
+        with pytest.raises(MorlaxError, match=f"must return one gymnasium.Env, not {name}"):
+            envs.from_gymnasium(lambda made=made: made)
 
 
 def test_worlds_that_would_share_an_environment_are_refused():
