@@ -133,9 +133,10 @@ def unused(path: Path) -> Path:
 
 
 def newest_runs(folder: Path) -> list[Path]:
-    """Return the runs in `folder` or one level deeper that have a checkpoint, the newest first."""
+    """Return runs with a checkpoint, at most three levels below `folder`, the newest first."""
     times: dict[Path, float] = {}
-    for file in (*folder.glob("*/checkpoints/*.pt"), *folder.glob("*/*/checkpoints/*.pt")):
+    levels = ("*", "*/*", "*/*/*")  # a task's name may have a slash
+    for file in (x for level in levels for x in folder.glob(f"{level}/checkpoints/*.pt")):
         with suppress(OSError):  # deleted meanwhile, or not readable
             run = file.parent.parent
             times[run] = max(times.get(run, 0.0), file.stat().st_mtime)

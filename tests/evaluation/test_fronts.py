@@ -307,3 +307,9 @@ def test_a_folder_of_runs_and_latest_name_the_newest_run(workplace):
     assert find_run("latest") == Path("runs/ant/c") == find_run("runs")
     assert find_run("runs/hopper/b") == Path("runs/hopper/b")
     assert find_run("hopper").parent.name == "shipped"
+
+
+def test_latest_is_also_a_run_of_a_task_with_a_slash_in_its_name(workplace):
+    with Run.create(learner_of(tiny("mo-gymnasium/hopper"))) as run:
+        assert find_run("latest") == find_run("runs") == run.folder
+        assert find_run("runs/mo-gymnasium/hopper") == find_run("runs/mo-gymnasium") == run.folder
