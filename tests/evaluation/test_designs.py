@@ -448,6 +448,8 @@ def test_a_slider_changes_the_body_and_then_the_front(run, monkeypatch):
     assert exhibit.state()["choosing"] is None and session.front is None
     exhibit.react({"act": "press", "name": "add"})
     assert len({id(each.policy) for each in exhibit.robots}) == 1
+    with pytest.raises(MorlaxError, match="no front yet: that of this body comes soon"):
+        exhibit.react({"act": "press", "name": "find"})
     exhibit.react({"act": "press", "name": "measure"})
     while not exhibit.state()["measured"]:
         waiting.get(timeout=PATIENCE)()

@@ -271,6 +271,17 @@ def test_a_run_that_is_being_trained_shows_its_latest_checkpoint(workplace, make
     assert library.choose("runs/a").checkpoint == "best"
 
 
+def test_a_run_with_damaged_bookmarks_is_not_opened_by_halves(workplace, make_run):
+    exhibit = RunExhibit(library.choose("hopper"), Queue().put)
+    damaged = make_run(workplace / "runs/b", "cheetah3", "best")
+    (damaged / "bookmarks.yaml").write_text("calm: [0.2, ")
+    press(exhibit, "find")
+    before = exhibit.state()
+    with pytest.raises(MorlaxError, match=r"bookmarks\.yaml is damaged"):
+        exhibit.react({"act": "open", "run": "runs/b", "checkpoint": None})
+    assert exhibit.state() == before
+
+
 @pytest.mark.slow
 def test_files_are_written_while_the_robots_go_on(tmp_path, monkeypatch, make_run):
     onnx = pytest.importorskip("onnx", reason="needs the extra onnx")

@@ -163,11 +163,11 @@ class RunExhibit:
             self._steer(tradeoff)
 
     def _open(self, choice: library.Choice, session: Session) -> None:
+        # shipped policies keep none; the page stays as it is where they are damaged
+        self._bookmarks = bookmarks(choice.run) if own_folder(choice.run) else None
         self._choice, self._sessions, self._selected = choice, [session], 0
         self._stale = False  # whether the page shows the front of a former body
         self._saving = {"busy": False, "text": ""}
-        # shipped policies keep none
-        self._bookmarks = bookmarks(choice.run) if own_folder(choice.run) else None
         self._asking: Comparison | None = None
         self._rounds = self._episodes = 0
         self._front: Front | None = None  # that thresholds refer to
@@ -271,7 +271,9 @@ class RunExhibit:
                 self._save("Trying the policy under other conditions…", work)
             case {"name": "find" | "again"}:
                 if steered.front is None:
-                    raise MorlaxError("There is no front: morlax evaluate RUN writes one.")
+                    coming = "that of this body comes soon"
+                    way = coming if self._stale else "morlax evaluate RUN writes one"
+                    raise MorlaxError(f"there is no front yet: {way}.")
                 robots = steered.twin(), steered.twin()
                 self._asking = Comparison(steered.front, robots, seed=self._rounds)
                 self._rounds += 1
