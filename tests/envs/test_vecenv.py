@@ -98,6 +98,28 @@ def test_a_run_masks_steps_at_a_time_limit_and_says_so(tmp_path, capsys):
         learner(tiny(NAME, **TINY, **{"ppo.truncation": "bootstrap"}))
 
 
+def ended_apart(self, actions):  # as Gymnasium's, and Isaac Lab's without its wrapper
+    seen, reward, dones, extras = Line.step(self, actions)
+    return seen, reward, dones, dones, extras
+
+
+WRONG = [  # members of an environment, how its terms are read, and the end of the error
+    ({"step": ended_apart}, None, "ValueError: too many values to unpack"),
+    ({"reset": property()}, None, "has no getter"),
+    ({}, lambda env, extras: None, "'NoneType' object is not iterable"),
+    ({}, lambda env, extras: {"go": extras["goal"]}, f"KeyError: 'goal' ({__file__}, line "),
+]
+
+
+@pytest.mark.parametrize(("members", "read", "end"), WRONG)
+def test_an_environment_of_another_interface_is_one_sentence(members, read, end):
+    kind = type("Other", (Line,), members)
+    envs.register("other-line", envs.from_vecenv(kind, read, GOALS))
+    with pytest.raises(MorlaxError, match=r"step\(actions\) -> \(obs.* are needed: ") as caught:
+        envs.make("other-line", 3, "cpu")
+    assert end in str(caught.value) and "\n" not in str(caught.value)
+
+
 def test_an_environment_that_does_not_fit_is_refused():
     def strange(number, device, seed):
         env = Line(number, device, seed)
