@@ -7,7 +7,7 @@ import gymnasium
 import torch
 from torch import Tensor
 
-from ..envs.errors import require
+from ..envs.errors import MorlaxError, require
 from .episode_statistics import EpisodeStatistics
 from .gymnasium import GymnasiumVectorEnv, box
 
@@ -56,6 +56,12 @@ class SkrlEnv(GymnasiumWrapper):
         worlds = self.vector.worlds
         size = worlds.observation_size + worlds.privileged_size
         return box(size) if worlds.privileged_size else None
+
+    def reset(self, **arguments: Any) -> tuple[Tensor, dict[str, Any]]:
+        """Return the current observation (N, O) and an info; only `wrap_env` passes arguments."""
+        if arguments:
+            raise MorlaxError("SkrlEnv is a wrapper of skrl already: use it without wrap_env.")
+        return super().reset()
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Advance every world by one control step under actions (N, A), without leaving the device.

@@ -196,6 +196,12 @@ def test_critics_see_privileged_observations(adapter):
     assert adapter().privileged() is None
 
 
+def test_a_skrl_environment_that_is_wrapped_twice_is_one_sentence():
+    twice = pytest.importorskip("skrl.envs.wrappers.torch").wrap_env(SkrlAdapter().env)
+    with pytest.raises(MorlaxError, match="use it without wrap_env"):
+        twice.reset()
+
+
 @every
 def test_a_mistake_raises_a_clear_error(adapter):
     with pytest.raises(MorlaxError, match="did you mean 'episode_length'"):
