@@ -108,7 +108,7 @@ class MujocoPhysics(Physics):
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         mujoco.set_mju_user_warning(lambda message: None)
         self.model, self.num_worlds, self.device = model, num_worlds, torch.device("cpu")
-        self.substeps = substeps
+        self.substeps, self._process = substeps, os.getpid()
         with explained(self.name):
             self._batch = Batch(model, nsim=num_worlds)
         self._view_state(self._view)
@@ -124,6 +124,12 @@ class MujocoPhysics(Physics):
         return torch.from_numpy(self._batch.bind(name))
 
     def step(self) -> None:
+        forked = self._process != os.getpid() and Batch is not PythonBatch
+        if forked and self.num_worlds > 1:  # it would wait for its threads
+            raise MorlaxError(
+                "a forked process cannot step worlds of its parent, whose threads it lacks: make "
+                "the worlds in the process that steps them."
+            )
         with explained(self.name, STOPS):
             self._batch.step(self._moving, nstep=self.substeps)
         if self._readings is not None:

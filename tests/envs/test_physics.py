@@ -1,6 +1,8 @@
 """Both simulators match the reference trajectories and survive blow-ups."""
 
 import math
+import multiprocessing
+import os
 
 import mujoco
 import numpy as np
@@ -9,7 +11,7 @@ import torch
 from acting import random_actions, still
 from same import reference
 
-from morlax_torch import envs
+from morlax_torch import MorlaxError, envs
 
 BUILT_IN = [name for name in envs.names() if "/" not in name]
 ROBOTS = ("cheetah", "walker", "hopper", "ant", "humanoid")
@@ -104,6 +106,23 @@ def test_a_sensor_is_a_view_of_the_readings(backend):
     assert head.shape == (env.num_worlds, 3)
     assert 1.0 < head[0, 2] < 2.0  # meters: standing
     assert head.untyped_storage().data_ptr() == env.physics.sensors.untyped_storage().data_ptr()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows cannot fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_is_told_that_it_cannot_step_its_parent_s_worlds():
+    pytest.importorskip("mujoco.batch", reason="this MuJoCo steps worlds without threads")
+    env = make("hopper", "mujoco")
+
+    def step() -> None:
+        with pytest.raises(MorlaxError, match="cannot step worlds of its parent"):
+            env.step(still(env))
+
+    forked = multiprocessing.get_context("fork").Process(target=step)  # as a DataLoader's workers
+    forked.start()
+    forked.join(20)
+    forked.kill()
+    assert forked.exitcode == 0
 
 
 @pytest.mark.parametrize("task", BUILT_IN)
