@@ -137,7 +137,7 @@ class OneTask:
         self.metadata = {**self.metadata, "render_fps": round(1 / worlds.dt)}
         if self.render_mode is not None:
             if not isinstance(worlds, Robot):
-                raise MorlaxError("this task has no MuJoCo robot to draw: leave render_mode out.")
+                raise MorlaxError("these worlds are not drawn together: leave out render_mode.")
             self._pictures = Pictures(worlds, width, height)
 
     def _restart(self, seed: int | None, options: dict[str, Any] | None) -> Tensor:

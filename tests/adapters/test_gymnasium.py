@@ -324,6 +324,9 @@ MISTAKES = {
     "each of the 3 worlds, not [1, 2]": lambda: vector().reset(seed=[1, 2]),
     "integer from 0, or one for each": lambda: vector().reset(seed=[1, 2, None]),
     "Known: rgb_array": lambda: vector(render_mode="human"),
+    "not drawn together: leave out render_mode": lambda: GymnasiumVectorEnv(
+        "gymnasium:mo-hopper-v5", 2, "cpu", render_mode="rgb_array"
+    ),
     ", not EpisodeStatistics": lambda: EpisodeStatistics(EpisodeStatistics(vector())),
 }
 
