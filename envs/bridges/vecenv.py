@@ -17,6 +17,10 @@ from .foreign import ForeignWorlds, Outcome
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
 
+NEEDED = (
+    "num_envs, device, num_actions, reset(), step(actions) -> (observations, rewards, dones, "
+    "extras) and read_terms(env, extras) -> terms"
+)
 # by the environment's id, the worlds that moved it last
 _moved_by: "WeakValueDictionary[int, VecEnvWorlds]" = WeakValueDictionary()
 
@@ -77,24 +81,24 @@ class VecEnvWorlds(ForeignWorlds):
             advice = "if it may build one environment only, let it return the same one again"
             with user_code(f"make_env fails; {advice}, since evaluations need it too"):
                 self.env = self.make_env(self.num_worlds, self.device, seed)
-            needed = "num_envs, device, num_actions, reset(), read_terms(env, extras) -> terms"
-            needed += " and step(actions) -> (observations, rewards, dones, extras)"
             file = getattr(getattr(self.read_terms, "__code__", None), "co_filename", None)
-            with user_code(f"{self.name} fails; {needed} are needed", file):
-                worlds, device = self.env.num_envs, torch.device(self.env.device)
-                enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
-                if device.type != self.device.type or not enough:
-                    raise MorlaxError(
-                        f"{self.name} has {worlds} worlds on {device}, but there should be "
-                        f"{self.num_worlds} on {self.device}: let make_env pass both on, or lower "
-                        "evaluation.tradeoffs or evaluation.seeds."
-                    )
-                self.action_size = int(self.env.num_actions)
-                self._size(_by_group(self.env.reset()))
-                shape = worlds, self.action_size
-                still = torch.zeros(shape, dtype=torch.float32, device=self.device)
-                _, _, _, extras = self.env.step(still)
-                self.reward_terms = tuple(dict(self.read_terms(self.env, extras)))
+            with user_code(f"{self.name} fails; {NEEDED} are needed", file):
+                self._measure()
+
+    def _measure(self) -> None:
+        worlds, device = self.env.num_envs, torch.device(self.env.device)
+        enough = worlds == self.num_worlds if self.auto_reset else worlds >= self.num_worlds
+        if device.type != self.device.type or not enough:
+            raise MorlaxError(
+                f"{self.name} has {worlds} worlds on {device}, but there should be "
+                f"{self.num_worlds} on {self.device}: let make_env pass both on, or lower "
+                "evaluation.tradeoffs or evaluation.seeds."
+            )
+        self.action_size = int(self.env.num_actions)
+        self._size(_by_group(self.env.reset()))
+        still = torch.zeros(worlds, self.action_size, dtype=torch.float32, device=self.device)
+        _, _, _, extras = self.env.step(still)
+        self.reward_terms = tuple(dict(self.read_terms(self.env, extras)))
 
     @property
     def interrupted(self) -> bool:
