@@ -29,6 +29,7 @@ from .rsl_rl_family import EPISODES, FamilyModel, FamilyStorage, WorldFront
 
 ACTION_SCALE = 10.0  # largest action of a policy in our own worlds, if the host does not clip
 LEAST_RATE = 1e-5  # of rsl_rl's adaptive schedule
+MADE_HERE = {"actor", "critic", "storage", "device", "multi_gpu_cfg"}  # arguments, not options
 TRADEOFF = "MORLAX_TRADEOFF"  # environment variable: what an unmodified `play` shows
 
 
@@ -71,7 +72,7 @@ class ParetoPPO(PPO):
     def __init__(self, obs: TensorDict, env: Any, cfg: dict[str, Any], device: str):
         algorithm = resolve_symmetry_config(cfg["algorithm"], env)
         algorithm.pop("class_name")
-        options, theirs = take_options(algorithm), signature(PPO).parameters
+        options, theirs = take_options(algorithm), signature(PPO).parameters.keys() - MADE_HERE
         _check_supported(cfg)
         if other := next((name for name in algorithm if name not in theirs), None):
             raise unknown("option of ParetoPPO", other, [*type(options).model_fields, *theirs])

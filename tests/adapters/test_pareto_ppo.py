@@ -445,6 +445,7 @@ def test_a_function_reads_the_terms_of_any_other_host():
         ({"rnd_cfg": {"weight": 1.0}}, "remove rnd_cfg"),
         ({"optimizer": "rmsprop"}, "set optimizer to adam"),
         ({"tradeofs": 8}, "option of ParetoPPO 'tradeofs': did you mean 'tradeoffs'"),
+        ({"device": "cpu"}, r"option of ParetoPPO 'device'.* Known: (?!.*\b(actor|storage)\b)"),
         ({"focus": (1.0, 0.0, 0.0)}, "focus needs 2 numbers \\(tracking, saving\\), not 3"),
         ({"guide": {"alive": math.nan}}, "guide.alive: Input should be a finite number"),
         ({"reference_point": (-9.0,)}, "reference_point needs 2 numbers .*, not 1"),
