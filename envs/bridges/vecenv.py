@@ -17,7 +17,7 @@ from .foreign import ForeignWorlds, Outcome
 Make = Callable[[int, torch.device, int], Any]  # number of worlds, device and seed to a VecEnv
 Read = Callable[[Any, dict[str, Any]], Mapping[str, Tensor]]  # VecEnv and extras to terms (N,)
 
-NEEDED = (
+NEEDED = (  # of an environment and its terms
     "num_envs, device, num_actions, reset(), step(actions) -> (observations, rewards, dones, "
     "extras) and read_terms(env, extras) -> terms"
 )
