@@ -1,7 +1,5 @@
 """The Gymnasium adapters follow Gymnasium's API."""
 
-import gc
-import multiprocessing
 import os
 import pickle
 import re
@@ -246,21 +244,6 @@ def test_vector_environments_match_gymnasium_s_sync_vector_env():
         assert info["_vector_reward"].all()
         ended += done.sum()
     assert ended == 1 + 2 + 1  # one truncation, and three falls
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows cannot fork")
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_a_forked_process_collects_closed_worlds_as_garbage():
-    gc.disable()
-    try:
-        vector().close()  # garbage, whose threads do not exist in a forked process
-        forked = multiprocessing.get_context("fork").Process(target=gc.collect)  # AsyncVectorEnv's
-        forked.start()
-    finally:
-        gc.enable()
-    forked.join(20)
-    forked.kill()
-    assert forked.exitcode == 0
 
 
 def test_episodes_after_a_reset_are_whole_whatever_a_task_s_default():
