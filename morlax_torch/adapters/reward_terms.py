@@ -93,6 +93,8 @@ class CalledTerms:
 
     def __init__(self, env: Any, name: str, worlds: int):
         module, _, function = name.partition(":")
+        if not (module and function):
+            raise MorlaxError(f"terms must be MODULE:FUNCTION, such as mine:terms, not {name!r}.")
         self._worlds, self._failure = worlds, f"the reward terms {name} cannot be read"
         with user_code(self._failure):
             self._read = partial(getattr(import_module(module), function), env)

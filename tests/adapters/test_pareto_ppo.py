@@ -430,6 +430,8 @@ def test_a_function_reads_the_terms_of_any_other_host():
     env.position = torch.ones(8, 2)  # a term for each of four feet
     with pytest.raises(MorlaxError, match="function_of_terms cannot be read: Runtime"):
         terms.read()
+    with pytest.raises(MorlaxError, match=f"MODULE:FUNCTION, such as mine:terms, not '{__name__}'"):
+        terms_of(env, __name__)
 
 
 @pytest.mark.parametrize(

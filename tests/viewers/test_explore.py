@@ -403,6 +403,13 @@ def test_a_bookmark_is_kept_with_the_run(visit, served):
     view.press("Delete slow")
     view.until(lambda: view.tab.locator("#bookmarks button").count() == 0, "it is not deleted")
     name_bookmark(view, "keep", "calm")
+    view.press("keep")
+    view.tab.keyboard.type("calm")
+    view.tab.keyboard.press("Enter")
+    view.until(lambda: "bookmark calm already" in view.text("event"), "a taken name is kept")
+    assert view.tab.input_value("#bookmark-name") == "calm"
+    assert view.tab.is_visible("#naming")
+    view.press("cancel")
 
     # a talk: the robot alone, bookmarks as stops
     view.tab.fill("#typed", "1, 0")

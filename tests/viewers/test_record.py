@@ -179,7 +179,7 @@ MISTAKES = {
     "policy.pt --tradeoff 0,0": "not zero in every objective",
     "policy.pt --seconds 0": "at least one control step (0.01 s)",
     "policy.pt --seconds 1e8": "at most 3600 s, not 1e+08 s",
-    "policy.pt --speed -1": "the speed must be above 0",
+    "policy.pt --speed 1e-9": "the speed must be from 0.01 to 100",
     "policy.pt --width 0": "from 64 to 4096 pixels",
     "policy.pt --output film.avi": "must end in .mp4 or .gif",
     "policy.pt --training": "needs the fronts of two evaluations, but the run has kept 0",

@@ -231,9 +231,9 @@ def test_a_link_opens_a_trade_off_and_a_slider_changes_it(visit):
 
 
 def test_buttons_pause_push_and_reset_and_another_robot_can_be_chosen(visit):
-    page = visit("?tradeoff=0.5&theme=none")
+    page = visit("?tradeoff=constructor&theme=none")
     runs(page)
-    assert page.inner_text("#event") == "cheetah3 has no trade-off 0.5: this is the balance"
+    assert page.inner_text("#event") == "cheetah3 has no trade-off constructor: this is the balance"
     # without a graphics card the page draws fewer pixels
     stage, _ = boxes(page)
     drawn = page.evaluate("document.getElementById('view').width / devicePixelRatio")

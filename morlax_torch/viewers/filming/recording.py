@@ -88,8 +88,8 @@ class Film:
 
     def pace(self, speed: float = 1.0, fastest: float = 30.0) -> tuple[int, float]:
         """Return the control steps per frame, and the frames per second, at most `fastest`."""
-        if not 0 < speed <= 100:
-            raise MorlaxError(f"the speed must be above 0 and at most 100, not {speed:g}.")
+        if not 0.01 <= speed <= 100:
+            raise MorlaxError(f"the speed must be from 0.01 to 100, not {speed:g}.")
         rate = speed / self.dt
         stride = max(1, math.ceil(rate / fastest - 1e-9))
         return stride, rate / stride

@@ -89,7 +89,8 @@ async function open(run) {
   engine.about.title = run.title;
   const m = engine.about.objectives.length;
   const wanted = query.get("tradeoff");
-  const named = engine.bookmarks[wanted?.replace(/^@/, "")] ?? parsed(wanted, m);
+  const bookmark = wanted?.replace(/^@/, "");
+  const named = Object.hasOwn(engine.bookmarks, bookmark) ? engine.bookmarks[bookmark] : parsed(wanted, m);
   engine.steer(named ?? even(m));
   $("run").value = run.folder;
   present(engine);

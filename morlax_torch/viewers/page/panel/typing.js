@@ -26,9 +26,9 @@ export class TypedWeights {
     $("naming").onsubmit = (event) => {
       event.preventDefault();
       const name = $("bookmark-name").value.trim();
-      if (name && this.named === null) engine.bookmark(name);
-      else if (name && name !== this.named) engine.rename(this.named, name);
-      this.#close();
+      if (!name || name === this.named) this.#close();
+      else if (this.named === null) engine.bookmark(name);
+      else engine.rename(this.named, name);
     };
     $("naming").onkeydown = ({ key }) => {
       if (key === "Escape") this.#close(); // an arrow that returns false would swallow all keys
@@ -46,6 +46,8 @@ export class TypedWeights {
     const keeps = served && bookmarks !== null; // shipped policies have none
     $("keep").hidden = !keeps;
     if (!isNews(this, bookmarks)) return;
+    const kept = Object.hasOwn(bookmarks ?? {}, $("bookmark-name").value.trim());
+    if (kept && !$("naming").hidden) this.#close(); // a name that is refused stays to be changed
     const marks = Object.entries(bookmarks ?? {}).map(([name, weights]) => {
       const mark = chip(`@${name}`, `Bookmark: ${spaced(weights)}`, () => this.choose(weights));
       if (!keeps) return mark;
