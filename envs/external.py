@@ -13,10 +13,9 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 import mujoco
-from pydantic import ValidationError
 
 from .bridges.gymnasium import GymnasiumWorlds
-from .errors import MorlaxError, shortened, unknown, user_code
+from .errors import MorlaxError, shortened, unknown, user_code, validated
 from .naming import GROUP, absolute
 from .worlds.environment import Environment
 from .worlds.interface import Worlds
@@ -57,16 +56,10 @@ def checked(task: type[Worlds]) -> type[Worlds]:
             f"{task.__name__} does not define {', '.join(missing)}, which every task needs."
         )
     kind = TaskOptions if issubclass(task, Environment) else ObjectiveOptions
-    try:
-        task.Options.model_validate({})
-        complete = issubclass(task.Options, kind)
-    except (AttributeError, ValidationError):
-        complete = False
-    if not complete:
-        raise MorlaxError(
-            f"{task.__name__}.Options must be a subclass of {kind.__name__} in which every option "
-            "has a default, including objectives."
-        )
+    options = getattr(task, "Options", None)
+    if not inspect.isclass(options) or not issubclass(options, kind):
+        raise MorlaxError(f"{task.__name__}.Options must be a subclass of {kind.__name__}.")
+    validated(options, {}, f"every option of {task.__name__}.Options needs a valid default: ")
     drawing = any(getattr(task, name, None) is not getattr(Environment, name) for name in DRAWING)
     base: Any = task.Options
     if drawing and base.varies is TaskOptions.varies:

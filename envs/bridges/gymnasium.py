@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.spaces import Box, Space
+from pydantic import Field
 from torch import Tensor
 
 from ..errors import MorlaxError, user_code
@@ -65,7 +66,8 @@ def from_gymnasium(make: Callable[[], gymnasium.Env], name: str = "") -> type["G
     terms = [f"reward_{i}" for i in range(rewards.shape[0])]
 
     class Options(ObjectiveOptions):
-        objectives: Objectives = {term: {term: 1.0} for term in terms}
+        # also of more terms than there can be objectives, for users who group them
+        objectives: Objectives = Field({x: {x: 1.0} for x in terms}, validate_default=False)
         episode_length: Count = time
 
     one.close()

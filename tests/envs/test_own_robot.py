@@ -317,6 +317,10 @@ MISTAKES = {  # lines at the end of the class
     "def begin(self, fresh): self.state.update(x=fresh)": "state['x'] cannot be replaced",
     "def begin(self, fresh): self.state |= {'x': fresh}": "state['x'] cannot be replaced",
     "class Options(TaskOptions.__base__): objectives: dict = {}": "be a subclass of TaskOptions",
+    "class Options(TaskOptions): objectives: dict = {'run': {'run': 1}}": (
+        "Crawler.Options needs a valid default: objectives: a trade-off needs at least two"
+    ),
+    "class Options(Options): gain: float": "Crawler.Options needs a valid default: gain: Field",
     "substeps = 0.02 / 0.005": "Crawler.substeps is 4.0: it must be a whole number, at least",
     "def observe(self): return self.physics.qpos.T": "shape (5, 3): it must be a tensor (3, O)",
     "def apply(self, action): self.physics.ctrl.copy_(action[:, :1].repeat(1, 3))": (

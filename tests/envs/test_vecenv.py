@@ -81,6 +81,12 @@ def test_groups_of_observations_are_checked_once(monkeypatch):
     assert len(checked) == 1
 
 
+def test_a_reference_point_may_be_a_list():
+    task = envs.from_vecenv(Line, lambda env, extras: extras["terms"], GOALS, [-10, -10])
+    envs.register("listed-line", task)
+    assert learner(tiny("listed-line", **TINY)).env.reference_point == (-10.0, -10.0)
+
+
 def test_a_world_that_is_over_earns_nothing_in_an_evaluation():
     env = envs.make(NAME, 2, "cpu", auto_reset=False)
     total = sum(env.step(torch.ones(2, 1)).reward for _ in range(12))
