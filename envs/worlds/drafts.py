@@ -1,5 +1,6 @@
 """First drafts of task files, from nothing but an MJCF. Imports no torch."""
 
+import re
 from pathlib import Path
 from textwrap import shorten
 
@@ -11,6 +12,8 @@ from mujoco import mjtBias, mjtDyn, mjtJoint, mjtTrn
 from ..errors import MorlaxError, user_code, warn_user
 from .trees import base_of, horizontal
 
+TEMPLATE = Path(__file__).with_name("draft.jinja").read_text()
+WORDS = {*re.findall(r"\w+", TEMPLATE)}  # names that the written class would hide
 STRIDE = 0.5  # rad or m, by which servos of a robot that can fall leave the start pose at most
 TRIAL, HOLD = 100, 10  # control steps of random actions from one start, and of each action
 
@@ -63,8 +66,7 @@ class Draft:
 
     def text(self, name: str, model_file: str) -> str:
         """Return the text of a Python file that defines the class `name`."""
-        template = Path(__file__).with_name("draft.jinja").read_text()
-        made = jinja2.Template(template, trim_blocks=True, lstrip_blocks=True)
+        made = jinja2.Template(TEMPLATE, trim_blocks=True, lstrip_blocks=True)
         made.environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False}
         return made.render(vars(self), name=name, model_file=model_file)
 

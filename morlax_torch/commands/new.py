@@ -38,11 +38,11 @@ def command(arguments: Sequence[str]) -> None:
     if file.stem in {*sys.stdlib_module_names, "mujoco", "numpy", "torch"}:
         raise MorlaxError(f"{file} would hide the module {file.stem}: name another with --output.")
     with cli.Live():
-        from ..envs.worlds.drafts import Draft  # imports MuJoCo
+        from ..envs.worlds.drafts import WORDS, Draft  # imports MuJoCo
 
         draft = Draft(options.model)
     name = "".join(word[:1].upper() + word[1:] for word in re.split(r"[\W_]+", file.stem))
-    name = name if name.isidentifier() else f"Robot{name}"
+    name = name if name.isidentifier() and name not in WORDS else f"Robot{name}"
     write_file(file, draft.text(name, os.path.relpath(options.model, file.parent)))
     goal = "runs along x" if draft.floating else "reaches for targets"
     cli.console.print(f"written: {file}, in which {name} {goal}, or saves energy")

@@ -174,6 +174,13 @@ def test_no_file_hides_a_module_that_commands_import(name, folder, refused):
     assert f"{name}.py would hide the module {name}" in refused(new, f"{name}.xml")
 
 
+@pytest.mark.parametrize("name", ["part", "POWER"])
+def test_no_class_hides_a_name_that_its_file_uses(name, folder):
+    shutil.move("arm.xml", f"{name}.xml")
+    new.command([f"{name}.xml"])
+    assert envs.make(f"{name}.py:Robot{name[0].upper()}{name[1:]}", 2, "cpu").action_size == 2
+
+
 def test_no_file_is_overwritten(folder, refused):
     Path("arm.py").write_text("mine")
     assert "arm.py exists already: name another file with --output" in refused(new, "arm.xml")
