@@ -5,6 +5,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator
+from operator import attrgetter
 from typing import Any, Self
 
 import mujoco
@@ -13,11 +14,15 @@ import torch
 from torch import Tensor
 
 from ..errors import MorlaxError, user_code, warn_user
+from ..physics.mujoco import MODEL_FIELDS
 from .trees import base_of
 
 
 def model(task: Any, compiled: mujoco.MjModel) -> None:
     """Refuse `substeps` that are no positive integer, and state that a reset does not restore."""
+    if not hasattr(compiled, "npluginstate"):  # None, or an MjSpec
+        kind = type(compiled).__name__
+        raise MorlaxError(f"{task.__name__}.load_model() returns a {kind}, not a mujoco.MjModel.")
     if not isinstance(task.substeps, int | np.integer) or task.substeps < 1:
         raise MorlaxError(
             f"{task.__name__}.substeps is {task.substeps}: it must be a whole number, at least 1."
@@ -33,7 +38,7 @@ def model(task: Any, compiled: mujoco.MjModel) -> None:
 
 def start(env: Any) -> np.ndarray:
     """Return `initial_qpos()` if it has the shape (nq,) and is finite."""
-    qpos, nq = np.asarray(_answer(env, "initial_qpos")), env.physics.model.nq
+    qpos, nq = np.asarray(answer(env, "initial_qpos")), env.physics.model.nq
     if qpos.shape != (nq,) or not np.isfinite(qpos).all():
         raise _wrong(env, "initial_qpos()", qpos, f"({nq},), one finite number per qpos")
     return qpos
@@ -84,15 +89,17 @@ class State(dict[str, Tensor]):
         return self
 
 
-def _answer(env: Any, method: str) -> Any:
-    file = getattr(sys.modules.get(type(env).__module__), "__file__", None)
-    with user_code(f"{type(env).__name__}.{method}() fails", file):
-        return getattr(env, method)()
+def answer(env: Any, method: str, *arguments: Any) -> Any:
+    """Return the answer of a method of worlds, or of their class, or say where it fails."""
+    task = env if isinstance(env, type) else type(env)
+    file = getattr(sys.modules.get(task.__module__), "__file__", None)
+    with user_code(f"{task.__name__}.{method}() fails", file):
+        return getattr(env, method)(*arguments)
 
 
 def by_name(env: Any, method: str) -> dict[str, Tensor]:
     """Return the tensors (N, ...) that `method` returns by name, in a new dictionary."""
-    values, N = _answer(env, method), env.num_worlds
+    values, N = answer(env, method), env.num_worlds
     if not isinstance(values, dict):
         raise _wrong(env, f"{method}()", values, f"a dictionary of tensors ({N}, ...) by name")
     for name, value in values.items():
@@ -144,7 +151,7 @@ def _attributes(env: Any) -> Iterator[tuple[str, Tensor]]:
 
 def rows(env: Any, method: str, letter: str) -> int:
     """Return the width of the rows (N, width) that `method` returns, or 0 for None."""
-    values, N = _answer(env, method), env.num_worlds
+    values, N = answer(env, method), env.num_worlds
     if values is None:
         return 0
     if _shape(values)[:1] != (N,) or values.ndim != 2:
@@ -161,7 +168,7 @@ def sizes(env: Any) -> None:
             "actuators: add an <actuator> section to the MJCF, or motors with spec.add_actuator of "
             "mujoco.MjSpec in load_model."
         )
-    named = sum(part.size for part in env.layout())
+    named = sum(part.size for part in answer(env, "layout"))
     if named != env.observation_size:
         raise MorlaxError(
             f"{task}: layout() names {named} numbers, but observe() gives {env.observation_size}: "
@@ -180,7 +187,7 @@ def control(env: Any) -> None:
 
 def rewards(env: Any) -> None:
     """Check that `terms()` returns (N,) by name and `failed()` (N,) bool."""
-    N, failed = env.num_worlds, _answer(env, "failed")
+    N, failed = env.num_worlds, answer(env, "failed")
     for name, term in by_name(env, "terms").items():
         if _shape(term) != (N,):
             raise _wrong(env, f"terms()[{name!r}]", term, f"a tensor ({N},), one number per world")
@@ -188,6 +195,22 @@ def rewards(env: Any) -> None:
         raise _wrong(
             env, "failed()", failed, f"a tensor ({N},) of torch.bool, one answer per world"
         )
+
+
+def fields(env: Any, seed: int) -> dict[str, np.ndarray]:
+    """Return `vary_model()` if it has arrays of the model with a row per world, by name."""
+    drawn, least, task = answer(env, "vary_model", seed), env.draws.number, type(env).__name__
+    if not isinstance(drawn, dict):
+        raise _wrong(env, "vary_model()", drawn, "a dictionary of NumPy arrays by name")
+    for name, values in drawn.items():
+        if name not in MODEL_FIELDS:
+            raise MorlaxError(f"{task}.vary_model() names {name}, no array of mujoco.MjModel.")
+        shape = (least, *np.shape(attrgetter(name)(env.physics.model)))  # also of opt.gravity
+        enough = (least,) <= np.shape(values)[:1] <= (max(least, env.num_worlds),)
+        if not isinstance(values, np.ndarray) or not enough or values.shape[1:] != shape[1:]:
+            expected = f"a NumPy array {shape}, one row per world"
+            raise _wrong(env, f"vary_model()[{name!r}]", values, expected)
+    return drawn
 
 
 def action(worlds: Any, values: Any) -> None:

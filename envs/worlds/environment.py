@@ -81,7 +81,7 @@ class Environment(Robot):
             self._pushes = Pushes(chosen.push, chosen.push_every, self.base, physics, draws)
         checks.control(self)
         checks.rewards(self)
-        self.reset()
+        checks.answer(self, "reset")
         self.reward_terms = tuple(self.terms())
         self.define_objectives(physics.qpos.dtype)
 
@@ -143,7 +143,7 @@ class Environment(Robot):
             )
         if cls.designs or options.design:
             return compiled(cls, options.design)[1]
-        return cls.load_model()
+        return checks.answer(cls, "load_model")
 
     @classmethod
     def shape(cls, spec: mujoco.MjSpec, design: dict[str, float]) -> None:
@@ -232,7 +232,7 @@ class Environment(Robot):
         self._vary()
 
     def _vary(self) -> None:
-        drawn, options = self.vary_model(self._seed), self.options.randomization
+        drawn, options = checks.fields(self, self._seed), self.options.randomization
         if lost := randomization.draw(self.physics.model, options, 1, 0).keys() - drawn:
             raise MorlaxError(
                 f"{type(self).__name__}.vary_model() leaves out {', '.join(sorted(lost))}, which "

@@ -310,6 +310,9 @@ MISTAKES = {  # lines at the end of the class
     "def observe(self): return torch.cat([self.physics.qpos, self.age])": "observe() fails",
     "def remember(self): self.x = 0": "remember() has type NoneType and shape (): it must be a",
     "def initial_state(self): return {'x': 0.0}": "initial_state()['x'] has type float",
+    "def begin(self, fresh): self.goals.copy_(fresh)": (
+        "Crawler.reset() fails: AttributeError: 'Crawler' object has no attribute 'goals' ("
+    ),
     "def begin(self, fresh): self.physics.qpos = self.physics.qpos + 1": (
         "physics.qpos is the simulator's own memory, which no other tensor can replace: write into"
     ),
@@ -330,6 +333,16 @@ MISTAKES = {  # lines at the end of the class
     "def layout(self): return [Part('all', 3, '')]": (
         "layout() names 3 numbers, but observe() gives 9"
     ),
+    "def layout(self): return self.parts": "layout() fails: AttributeError",
+    "load_model = classmethod(lambda cls: cls.model)": "load_model() fails: AttributeError",
+    "load_model = classmethod(lambda cls: None)": "load_model() returns a NoneType, not a mujoco.M",
+    "def vary_model(self, seed): return self.mass": "vary_model() fails: AttributeError",
+    "def vary_model(self, seed): self.mass = 2": "has type NoneType and shape (): it must be a dic",
+    "def vary_model(self, seed): return {'body_mas': np.ones((3, 4))}": "names body_mas, no array",
+    "def vary_model(self, seed): return {'body_mass': np.ones(4)}": (
+        "vary_model()['body_mass'] has type ndarray and shape (4,): it must be a NumPy array (3, 4)"
+    ),
+    "def vary_model(self, seed): return {'body_mass': np.ones((4, 4))}": "shape (4, 4): it must",
     "command_limits = {'m/s': (1, -1)}": "must have the lowest and the highest value of each",
     "command_limits = {'m/s': 1}": "must have the lowest and the highest value of each number",
     "command_limits = ['m/s']": "must have the lowest and the highest value of each number",
