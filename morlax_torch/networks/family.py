@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
-from ..envs.errors import MorlaxError, shortened
+from ..envs.errors import MorlaxError, shortened, user_code
 from ..envs.worlds.mirror import Reflection
 from ..gpu import fused
 from .mlp import Symmetric, mlp_sizes
@@ -159,8 +159,10 @@ class Generated(Family):
                     "share: use nn.LayerNorm, or pass the target after .eval()."
                 )
         self.sizes = [shape.numel() for shape in self.shapes.values()]
+        with user_code("the target cannot be copied"):  # such as with the former weight_norm
+            copied = copy.deepcopy(target).requires_grad_(False)
         # nn.Module does not see the target inside: its own parameters are not used
-        self._target = PerThread(copy.deepcopy(target).requires_grad_(False))
+        self._target = PerThread(copied)
         self._mlp = mlp_sizes(target.network if isinstance(target, Symmetric) else target)
         self._names_of_buffers = list(dict(target.named_buffers()))
         for index, buffer in enumerate(target.buffers()):

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.func import vmap
 
 from ..envs import MorlaxError
+from ..envs.errors import user_code
 from ..envs.worlds.mirror import Reflection
 
 MEANINGS = {
@@ -129,7 +130,8 @@ def check_network(name: str, network: nn.Module, inputs: int, outputs: int) -> N
             f"the {name} has parameters of {first.dtype}, but networks compute in float32: use "
             ".float()."
         )
-    rows, network = first.new_zeros(1, 2, inputs), copy.deepcopy(network)
+    with user_code(f"the {name} cannot be copied"):
+        rows, network = first.new_zeros(1, 2, inputs), copy.deepcopy(network)
     random = "error" if name == "actor" else "different"  # policies are deterministic
     before = [(id(buffer), buffer._version) for buffer in network.buffers()]
     try:

@@ -169,6 +169,13 @@ def test_targets_of_several_types_are_refused(dtype):
         Hypernetwork(target, M)
 
 
+def test_targets_that_cannot_be_copied_are_refused_in_one_sentence():
+    target = nn.Linear(3, 2)
+    target.half = target.weight / 2
+    with pytest.raises(MorlaxError, match="the target cannot be copied: RuntimeError: Only Tens"):
+        Hypernetwork(target, M)
+
+
 @pytest.mark.parametrize(
     ("layer", "kind"),
     [

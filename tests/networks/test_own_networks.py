@@ -53,6 +53,13 @@ def test_custom_networks_train(type):
     assert_same(weights(trainer(config, 3, **networks)), after)
 
 
+def halved() -> nn.Module:
+    """Return a network with a tensor that was computed, as the former weight_norm leaves one."""
+    layer = nn.Linear(O, 2 * A)
+    layer.half = layer.weight / 2
+    return layer
+
+
 MISFITS = {
     r"the actor maps observations \(2, 13\) to \(2, 4\), but it should return \(2, 8\)": {
         "actor": nn.Linear(O, A)
@@ -63,6 +70,7 @@ MISFITS = {
     r"the actor has parameters of torch\.float64, .*: use \.float\(\)": {
         "actor": nn.Linear(O, 2 * A, dtype=torch.float64)
     },
+    "the actor cannot be copied: RuntimeError: Only Tensors created": {"actor": halved()},
 }
 
 
