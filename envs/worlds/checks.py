@@ -20,7 +20,7 @@ from .trees import base_of
 
 def model(task: Any, compiled: mujoco.MjModel) -> None:
     """Refuse `substeps` that are no positive integer, and state that a reset does not restore."""
-    if not hasattr(compiled, "npluginstate"):  # None, or an MjSpec
+    if not isinstance(compiled, mujoco.MjModel):  # such as None, or an MjSpec
         kind = type(compiled).__name__
         raise MorlaxError(f"{task.__name__}.load_model() returns a {kind}, not a mujoco.MjModel.")
     if not isinstance(task.substeps, int | np.integer) or task.substeps < 1:

@@ -30,10 +30,16 @@ Factor = Annotated[float, Field(gt=0, le=1e6)]
 Delay = Annotated[int, Field(ge=0, le=1000)]
 
 
-class Section(BaseModel, extra="forbid", use_attribute_docstrings=True):
+class Section(BaseModel):
     """A group of options; unknown keys, infinite numbers and those above LARGEST are refused."""
 
-    model_config = ConfigDict(frozen=True, allow_inf_nan=False, validate_default=True)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        use_attribute_docstrings=True,
+        allow_inf_nan=False,
+        validate_default=True,
+    )
 
     vast: ClassVar[tuple[str, ...]] = ()  # options that may be larger than LARGEST
 
