@@ -91,6 +91,15 @@ def test_ctrl_c_while_a_command_imports_a_library_is_one_word(tmp_path, library,
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
+@pytest.mark.parametrize(("number", "told"), [(2, "interrupted\n"), (signal.SIGTERM, "")])
+def test_a_signal_ends_a_command_while_torch_is_imported(tmp_path, number, told):
+    # its C++ code aborts at an exception
+    aborts = f"import os\ntry: os.kill(os.getpid(), {number:d})\nexcept BaseException: os.abort()\n"
+    (tmp_path / "torch.py").write_text(aborts)
+    done = python(tmp_path, "-m", "morlax_torch", "evaluate", "cheetah", first=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", told)
+
+
 def test_commands_keep_bytecode_where_python_keeps_none(tmp_path):
     forbidden = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONPYCACHEPREFIX": ""}
     words = "-m", "morlax_torch", "--version"

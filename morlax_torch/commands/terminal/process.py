@@ -49,12 +49,14 @@ def end_at_once_on_ctrl_c() -> None:
     An exception would come out of an import as a traceback, or be lost in one.
     """
 
-    def end(number: int, frame: Any) -> None:
-        os.write(2, b"interrupted\n")
-        os._exit(INTERRUPTED)
-
     if is_command() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        signal.signal(signal.SIGINT, end)
+        signal.signal(signal.SIGINT, _end)
+
+
+def _end(number: int, frame: Any = None) -> None:
+    if number == signal.SIGINT:
+        os.write(2, b"interrupted\n")
+    os._exit(128 + number)
 
 
 def keep_bytecode() -> None:
@@ -93,6 +95,9 @@ def exiting_on_signals() -> Iterator[None]:
     endings: list[BaseException] = []
 
     def receive(number: int, frame: Any) -> None:
+        # torch's C++ code aborts at an exception that comes while it is imported
+        if getattr(getattr(sys.modules.get("torch"), "__spec__", None), "_initializing", False):
+            _end(number)
         ending = KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
         endings.append(ending)
         raise ending
