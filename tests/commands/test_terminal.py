@@ -1,6 +1,8 @@
 """In a terminal of 80 columns, no line of output or help is longer, and none is cut."""
 
+import errno
 import io
+import os
 import sys
 from typing import Any
 
@@ -162,3 +164,29 @@ def test_names_in_brackets_are_printed_as_they_are(workplace, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith(name) for line in lines)
     assert lines[-1].startswith("next: ") and lines[-1].endswith(f"evaluate '{name}'")
+
+
+def test_a_name_is_printed_where_the_output_lacks_its_letters(monkeypatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, "ascii"))
+    cli.run(lambda words: cli.console.print("runs/Läufe"))
+    assert written.getvalue() == rb"runs/L\xe4ufe" + os.linesep.encode()
+
+
+def test_commands_work_where_their_output_is_closed(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)  # as Python does
+    monkeypatch.setattr(sys, "stderr", None)
+    cli.run(lambda words: cli.console.print("done"))
+    with pytest.raises(SystemExit, match="2"):
+        cli.run(lambda words: cli.fail("a mistake"))
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_an_output_that_is_full_is_one_sentence(number, monkeypatch, capsys):
+    def printing(words: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(cli, "_silence_output", lambda: None)  # that pytest captures
+    with pytest.raises(SystemExit, match="2"):
+        cli.run(printing)
+    assert capsys.readouterr().err.startswith("error: cannot print: no space left")

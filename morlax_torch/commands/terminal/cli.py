@@ -2,6 +2,7 @@
 
 import errno
 import gc
+import io
 import os
 import sys
 import threading
@@ -23,6 +24,7 @@ from .process import INTERRUPTED, exit_when_stuck, exiting_on_signals, is_comman
 
 GRACE = 2.0  # seconds
 ACTIVE_WAITS = 2000  # rounds of waiting before a thread sleeps
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # also a user's quota
 LONGEST_SILENCE = 30.0  # seconds without a line on a file or pipe
 
 
@@ -107,7 +109,7 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
     except BrokenPipeError:  # the reader closed the pipe, as `head` does
         _silence_output()
     except OSError as error:
-        if error.filename is None and error.errno == errno.ENOSPC:
+        if error.filename is None and error.errno in FULL:
             _silence_output()
             fail("cannot print: no space left on the device that the output goes to.")
         named = (argument.rpartition("=")[2] for argument in arguments)
@@ -123,7 +125,11 @@ def run(main: Callable[[Sequence[str]], None]) -> None:
 
 
 def _prepare() -> None:
-    """Set how this process collects garbage, waits for threads, and prints warnings."""
+    """Set how this process prints, collects garbage, waits for threads, and shows warnings."""
+    streams = sys.stdout, sys.stderr  # None where they are closed
+    sys.stdout, sys.stderr = (stream or io.StringIO() for stream in streams)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a path may have letters that its encoding lacks
+        sys.stdout.reconfigure(errors="backslashreplace")
     gc.set_threshold(1_000_000)  # looking for cycles takes a third of importing libraries
     # On a busy machine, threads that wait for each other hold cores that others need. GNU's OpenMP,
     # which torch has on Linux, reads this when torch is imported.
