@@ -290,7 +290,7 @@ def check_bookmark(run: AnyPath, name: str, replaces: bool = True) -> Path:
     folder = own_folder(run)
     if folder is None:
         raise MorlaxError(f"shipped policies keep no bookmarks: first pack {run} my-{run}.")
-    if not replaces and name in bookmarks(run):
+    if name in bookmarks(run) and not replaces:  # a damaged file is refused, too
         raise MorlaxError(f"there is a bookmark {name} already: delete it first.")
     return folder / BOOKMARKS
 

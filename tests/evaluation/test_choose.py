@@ -492,6 +492,8 @@ def test_a_bookmark_stands_for_its_tradeoff(tmp_path, make_run):
         file.write_text(f"fast: {damage}")
         with pytest.raises(MorlaxError, match=r"weights of run, jump, .*calm: \[0.5, 0.5\]"):
             loading.bookmarks(run)
+        with pytest.raises(MorlaxError, match="is damaged"):  # before `choose` simulates
+            loading.check_bookmark(run, "new")
 
 
 def test_the_command_writes_a_bookmark_and_a_decision_card(
