@@ -1,6 +1,6 @@
 """Episodes end, restart and repeat the way a learner requires."""
 
-from types import SimpleNamespace
+from unittest.mock import Mock
 
 import mujoco
 import numpy as np
@@ -289,7 +289,8 @@ def test_state_that_no_reset_restores_is_refused(monkeypatch, backend):
     monkeypatch.setattr(Everything, "load_model", lambda: model)
     with pytest.raises(MorlaxError, match=r"Everything: its model lets bodies sleep, .* remove"):
         everything(backend)
-    plugins = SimpleNamespace(npluginstate=2)  # no plugin that comes with MuJoCo has a state
+    # no plugin that comes with MuJoCo has a state
+    plugins = Mock(spec=mujoco.MjModel, npluginstate=2)
     with pytest.raises(MorlaxError, match=r"Everything: its model has plugins .* remove"):
         checks.model(Everything, plugins)
 

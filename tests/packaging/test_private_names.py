@@ -25,6 +25,7 @@ TESTED = {  # names, by the file whose tests use them
     "adapters/test_pareto_ppo.py": ("_reward_termination",),
     "adapters/test_sb3.py": ("_get_indices", "_reset_seeds"),
     "algorithms/test_hyper_sac.py": ("_foreach_lerp_",),
+    "commands/test_startup.py": ("_initializing",),
     "envs/test_mjlab.py": (  # which compares the step that uses these names with mjlab's
         *("_reset_mask", "_reset_mask_wp", "_wrapped_cache", "_torch_stream", "_setup_stream"),
         *("_mode_term_cfgs", "_interval_term_time_left", "_group_obs_class_term_cfgs"),
