@@ -112,6 +112,7 @@ def test_a_sensor_is_a_view_of_the_readings(backend):
 FORKED = """
 import gc, multiprocessing
 from morlax_torch import MorlaxError, envs
+from morlax_torch.envs.physics.mujoco import Batch, PythonBatch
 
 gc.disable()
 env = envs.make("hopper", 4, "cpu", backend="mujoco")
