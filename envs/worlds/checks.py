@@ -199,18 +199,20 @@ def rewards(env: Any) -> None:
 
 def fields(env: Any, seed: int) -> dict[str, np.ndarray]:
     """Return `vary_model()` if it has arrays of the model with a row per world, by name."""
-    drawn, least, task = answer(env, "vary_model", seed), env.draws.number, type(env).__name__
-    if not isinstance(drawn, dict):
-        raise _wrong(env, "vary_model()", drawn, "a dictionary of NumPy arrays by name")
-    for name, values in drawn.items():
+    arrays, task = answer(env, "vary_model", seed), type(env).__name__
+    if not isinstance(arrays, dict):
+        raise _wrong(env, "vary_model()", arrays, "a dictionary of NumPy arrays by name")
+    draws = env.draws.number  # fewer than worlds where evaluations share them
+    numbers = range(draws, max(draws, env.num_worlds) + 1)
+    for name, values in arrays.items():
         if name not in MODEL_FIELDS:
             raise MorlaxError(f"{task}.vary_model() names {name}, no array of mujoco.MjModel.")
-        shape = (least, *np.shape(attrgetter(name)(env.physics.model)))  # also of opt.gravity
-        enough = (least,) <= np.shape(values)[:1] <= (max(least, env.num_worlds),)
-        if not isinstance(values, np.ndarray) or not enough or values.shape[1:] != shape[1:]:
-            expected = f"a NumPy array {shape}, one row per world"
+        row = np.shape(attrgetter(name)(env.physics.model))  # also of opt.gravity
+        fits = isinstance(values, np.ndarray) and values.ndim and values.shape[1:] == row
+        if not fits or len(values) not in numbers:
+            expected = f"a NumPy array {(draws, *row)}, one row per world"
             raise _wrong(env, f"vary_model()[{name!r}]", values, expected)
-    return drawn
+    return arrays
 
 
 def action(worlds: Any, values: Any) -> None:

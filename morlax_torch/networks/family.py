@@ -160,9 +160,8 @@ class Generated(Family):
                 )
         self.sizes = [shape.numel() for shape in self.shapes.values()]
         with user_code("the target cannot be copied"):  # such as with the former weight_norm
-            copied = copy.deepcopy(target).requires_grad_(False)
-        # nn.Module does not see the target inside: its own parameters are not used
-        self._target = PerThread(copied)
+            # nn.Module does not see the target inside: its own parameters are not used
+            self._target = PerThread(copy.deepcopy(target).requires_grad_(False))
         self._mlp = mlp_sizes(target.network if isinstance(target, Symmetric) else target)
         self._names_of_buffers = list(dict(target.named_buffers()))
         for index, buffer in enumerate(target.buffers()):

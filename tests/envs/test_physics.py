@@ -134,7 +134,7 @@ def fork(run):
     assert forked.exitcode == 0
 
 fork(step)  # as a DataLoader's workers
-env.itself = env
+env.itself = env  # a cycle, so that only the collector can free it
 del env
 fork(gc.collect)  # as AsyncVectorEnv's: threads of the garbage do not exist there
 """

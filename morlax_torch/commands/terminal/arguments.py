@@ -249,8 +249,8 @@ def values_over(start: Train, others: Sequence[str], base: Config | None = None)
     settings: Any = {"default": base, "description": text, "add_help": helps}
     try:
         return _typed(Train, type(base), words, **settings)
-    except SystemExit as ended:
-        if ended.code == 2 and not helps:  # else a signal came
+    except SystemExit as error:
+        if error.code == 2 and not helps:  # not where a signal ends the command
             print(f"All options: {program('train')} --env NAME {HELP_ALL}", file=sys.stderr)
         raise
 

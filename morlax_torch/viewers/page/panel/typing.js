@@ -46,8 +46,8 @@ export class TypedWeights {
     const keeps = served && bookmarks !== null; // shipped policies have none
     $("keep").hidden = !keeps;
     if (!isNews(this, bookmarks)) return;
-    const kept = Object.hasOwn(bookmarks ?? {}, $("bookmark-name").value.trim());
-    if (kept && !$("naming").hidden) this.#close(); // a name that is refused stays to be changed
+    const isStored = Object.hasOwn(bookmarks ?? {}, $("bookmark-name").value.trim());
+    if (isStored && !$("naming").hidden) this.#close(); // a refused name stays, to be changed
     const marks = Object.entries(bookmarks ?? {}).map(([name, weights]) => {
       const mark = chip(`@${name}`, `Bookmark: ${spaced(weights)}`, () => this.choose(weights));
       if (!keeps) return mark;
